@@ -1,0 +1,29 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <stop_token>
+#include <string>
+
+namespace rotunda::cli {
+
+/// What every command takes besides its own options.
+struct CommonOptions {
+  bool json = false;
+  int threads = 0;  // 0: the machine's cores
+  std::stop_token stop;
+};
+
+/// Adds the command to `app`. When it is the one that was called, `chosen` is set to what runs it
+/// and gives the exit code.
+using Action = std::function<int()>;
+void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddEvaluate(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddExport(CLI::App& app, CommonOptions& common, Action& chosen);
+
+/// A sub-command with --json, --threads and an example under its help.
+CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& name,
+                     const std::string& description, const std::string& example);
+
+}  // namespace rotunda::cli

@@ -1,0 +1,49 @@
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "daemon/cli/commands.h"
+#include "daemon/cli/terminal.h"
+
+namespace rotunda::cli {
+
+CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& name,
+                     const std::string& description, const std::string& example) {
+  CLI::App* command = app.add_subcommand(name, description);
+  command->add_flag("--json", common.json, "Print the result as JSON on standard output");
+  command->add_option("--threads", common.threads, "Threads to use; 0: all cores")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  command->footer(
+      "Example:\n  " + example +
+      "\n\nExit status: 0 done, 1 the work failed (reason in one line), 2 wrong usage.");
+  return command;
+}
+
+int Main(int argc, char** argv) {
+  const InterruptWatch interrupt;
+  CommonOptions common;
+  common.stop = interrupt.token();
+  Action chosen;
+
+  CLI::App app("Rotunda: camera poses of a body-scanning rig, from its pictures", "rotunda");
+  app.require_subcommand(1);
+  app.set_version_flag("--version", ROTUNDA_VERSION);
+  app.footer("`rotunda COMMAND --help` tells a command's options and shows an example.");
+  AddSimulate(app, common, chosen);
+  AddReconstruct(app, common, chosen);
+  AddEvaluate(app, common, chosen);
+  AddExport(app, common, chosen);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    return app.exit(help);
+  } catch (const CLI::ParseError& wrong) {
+    std::fprintf(stderr, "rotunda: %s (see --help)\n", wrong.what());
+    return kWrongUsage;
+  }
+  return chosen();
+}
+
+}  // namespace rotunda::cli
+
+int main(int argc, char** argv) { return rotunda::cli::Main(argc, argv); }

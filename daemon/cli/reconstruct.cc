@@ -1,0 +1,196 @@
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "daemon/cli/commands.h"
+#include "daemon/cli/terminal.h"
+#include "sfm/core/calibration.h"
+#include "sfm/core/file_io.h"
+#include "sfm/core/frame_set.h"
+#include "sfm/pipeline.h"
+
+namespace rotunda::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ReconstructArguments {
+  fs::path frameset;
+  fs::path out;
+  std::optional<fs::path> calibration;
+  std::string method = "plain";
+  sfm::PairSelection pairs = sfm::PairSelection::kExhaustive;
+  bool fix_intrinsics = false;
+  bool refine_intrinsics = false;
+  std::optional<fs::path> database;
+  std::optional<fs::path> stages;
+  std::optional<std::string> start_from;
+  uint64_t seed = 0;
+};
+
+/// --calibration, else the calibration that was in force when the set was taken, if it came with
+/// it.
+Result<std::optional<Calibration>> FindCalibration(const ReconstructArguments& arguments) {
+  std::error_code ignored;
+  fs::path file = arguments.frameset / "calibration.json";
+  if (arguments.calibration) {
+    file = *arguments.calibration;
+  } else if (!fs::exists(file, ignored)) {
+    return std::optional<Calibration>();
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(Calibration calibration, ReadCalibration(file));
+  return std::optional<Calibration>(std::move(calibration));
+}
+
+Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
+  sfm::PipelineOptions options;
+  options.pairs = arguments.pairs;
+  if (arguments.fix_intrinsics) options.refine_intrinsics = false;
+  if (arguments.refine_intrinsics) options.refine_intrinsics = true;
+  options.database = arguments.database;
+  options.stages_folder = arguments.stages;
+  if (arguments.start_from) {
+    ROTUNDA_ASSIGN_OR_RETURN(options.start_from, sfm::StageFromName(*arguments.start_from));
+  }
+  if (arguments.stages) {
+    std::error_code failure;
+    fs::create_directories(*arguments.stages, failure);
+    if (failure) return Error{ErrorCode::kIo, failure.message(), arguments.stages->string()};
+  }
+  return options;
+}
+
+void PrintJson(const ReconstructArguments& arguments, const PoseSummary& summary,
+               const std::vector<StageCost>& costs) {
+  nlohmann::ordered_json stages = nlohmann::ordered_json::array();
+  for (const StageCost& cost : costs) {
+    stages.push_back({{"stage", cost.stage},
+                      {"seconds", cost.seconds},
+                      {"peak_memory_mb", cost.peak_memory_mb}});
+  }
+  const nlohmann::ordered_json result = {{"out", arguments.out.string()},
+                                         {"registered", summary.registered},
+                                         {"of", summary.of},
+                                         {"points", summary.points},
+                                         {"models", summary.models},
+                                         {"mean_reprojection_px", summary.mean_reprojection_px},
+                                         {"rms_px", summary.rms_px},
+                                         {"stages", stages}};
+  std::printf("%s\n", result.dump(1).c_str());
+}
+
+void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult& result,
+                const std::vector<StageCost>& costs) {
+  const PoseSummary& summary = result.poses.summary;
+  std::printf("Registered %zu of %zu cameras, %zu points, mean reprojection error %.3f px%s\n",
+              summary.registered, summary.of, summary.points, summary.mean_reprojection_px,
+              result.poses.metric ? ", metric in the rig frame" : ", arbitrary scale");
+  for (const CameraPose& pose : result.poses.cameras) {
+    if (!pose.registered) {
+      std::printf("  not registered: %s: %s\n", pose.camera.c_str(), pose.reason.c_str());
+    } else if (pose.vs_calibration && pose.vs_calibration->moved) {
+      std::printf("  moved since the calibration: %s by %.2f mm, %.3f deg\n", pose.camera.c_str(),
+                  pose.vs_calibration->position_mm, pose.vs_calibration->rotation_deg);
+    }
+  }
+  for (const StageCost& cost : costs) {
+    std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,
+                cost.peak_memory_mb);
+  }
+  std::printf("Poses:  %s\nReport: %s\n", (arguments.out / "poses.json").c_str(),
+              (arguments.out / "report.html").c_str());
+}
+
+Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& common) {
+  ROTUNDA_ASSIGN_OR_RETURN(const FrameSet set, ReadFrameSet(arguments.frameset));
+  ROTUNDA_ASSIGN_OR_RETURN(const std::optional<Calibration> calibration,
+                           FindCalibration(arguments));
+  ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineOptions options, MakeOptions(arguments));
+  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
+
+  ThreadPool threads(common.threads);
+  ProgressLine progress(!common.json);
+  RunContext context{threads, common.stop,
+                     [&](std::string_view stage, size_t done, size_t total) {
+                       progress.Update(stage, done, total);
+                     },
+                     arguments.seed};
+  ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineResult result,
+                           sfm::RunPipeline(set, calibration, options, context));
+  ROTUNDA_RETURN_IF_ERROR(sfm::WriteResult(result, calibration, folder.path(), context));
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
+  ROTUNDA_RETURN_IF_ERROR(folder.Commit());
+
+  const std::vector<StageCost> costs = progress.Finish();
+  if (common.json) {
+    PrintJson(arguments, result.poses.summary, costs);
+  } else {
+    PrintTable(arguments, result, costs);
+  }
+  return {};
+}
+
+}  // namespace
+
+void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
+  auto arguments = std::make_shared<ReconstructArguments>();
+  CLI::App* command = AddCommand(
+      app, common, "reconstruct",
+      "Find the camera poses of a frame set, or of a plain folder of pictures, from the pictures.\n"
+      "Writes poses.json, sparse/0 (COLMAP binary model), points.ply and report.html into DIR.",
+      "rotunda reconstruct captures/0042 --out captures/0042-poses");
+  command->add_option("FRAMESET", arguments->frameset, "Frame set, or folder of pictures")
+      ->required();
+  command->add_option("--out", arguments->out, "Folder to make; must not exist or be empty")
+      ->type_name("DIR")
+      ->required();
+  command
+      ->add_option("--calibration", arguments->calibration,
+                   "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there")
+      ->type_name("FILE");
+  command->add_option("--method", arguments->method, "How to reconstruct: plain = incremental SfM")
+      ->check(CLI::IsMember({"plain"}))
+      ->capture_default_str();
+  const std::map<std::string, sfm::PairSelection> pairs = {
+      {"exhaustive", sfm::PairSelection::kExhaustive},
+      {"neighbours", sfm::PairSelection::kNeighbours}};
+  command
+      ->add_option("--pairs", arguments->pairs,
+                   "Pairs to match: exhaustive (default), or neighbours = those whose calibrated "
+                   "views overlap (faster, blind to swapped cameras)")
+      ->transform(CLI::CheckedTransformer(pairs))
+      ->type_name("exhaustive|neighbours");
+  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments->fix_intrinsics,
+                                       "Keep intrinsics (default when they are calibrated)");
+  command
+      ->add_flag("--refine-intrinsics", arguments->refine_intrinsics,
+                 "Refine focal length and distortion (default without a calibration)")
+      ->excludes(fix);
+  command
+      ->add_option("--database", arguments->database,
+                   "Take keypoints and matches from this COLMAP database.db")
+      ->type_name("FILE");
+  CLI::Option* stages =
+      command
+          ->add_option("--stages", arguments->stages,
+                       "Folder to which every stage's product is written for inspection")
+          ->type_name("DIR");
+  command
+      ->add_option("--start-from", arguments->start_from,
+                   "Read the products up to this one from --stages instead of making them: "
+                   "features, matches, two-views or tracks")
+      ->type_name("STAGE")
+      ->needs(stages);
+  command->add_option("--seed", arguments->seed, "Seed of all random sampling")
+      ->capture_default_str();
+  command->callback([arguments, &common, &chosen] {
+    chosen = [arguments, &common] {
+      const Status status = Reconstruct(*arguments, common);
+      return status.ok() ? kDone : Fail(status.error());
+    };
+  });
+}
+
+}  // namespace rotunda::cli

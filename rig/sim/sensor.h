@@ -1,0 +1,15 @@
+#pragma once
+
+#include <cstdint>
+
+#include "rig/sim/renderer.h"
+#include "rig/sim/rig_options.h"
+#include "rig/sim/texture.h"
+
+namespace rotunda::sim {
+
+/// What the sensor makes of the lens's picture: blur, vignetting, this camera's gain and white
+/// balance, shot and read noise, the sRGB curve, 8 bits. `seed` is the camera's.
+Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed);
+
+}  // namespace rotunda::sim

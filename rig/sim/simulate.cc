@@ -1,0 +1,177 @@
+#include "rig/sim/simulate.h"
+
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <mutex>
+#include <optional>
+#include <sstream>
+
+#include "rig/sim/body_paint.h"
+#include "rig/sim/lighting.h"
+#include "rig/sim/png_writer.h"
+#include "rig/sim/ray_scene.h"
+#include "rig/sim/renderer.h"
+#include "rig/sim/sensor.h"
+#include "rig/sim/studio.h"
+#include "sfm/core/calibration.h"
+#include "sfm/core/file_io.h"
+#include "sfm/core/frame_set.h"
+
+namespace rotunda::sim {
+namespace {
+
+// What each part of the world draws its seed by.
+enum SeedOf : uint64_t {
+  kRigSeed,
+  kProportionsSeed,
+  kGarmentSeed,
+  kSkinSeed,
+  kStudioSeed,
+  kNoiseSeed
+};
+
+constexpr float kBodyVoxel_m = 0.0035f;
+constexpr float kBackdropStudio = 0.012f;  // above the curtain
+constexpr float kBackdropPlain = 0.09f;
+
+std::string FileHash(const std::string& bytes) {
+  char text[17];
+  std::snprintf(text, sizeof(text), "%016llx",
+                static_cast<unsigned long long>(XXH3_64bits(bytes.data(), bytes.size())));
+  return text;
+}
+
+Status Validate(const RigOptions& rig, const SimulateOptions& options) {
+  ROTUNDA_RETURN_IF_ERROR(rig.Validate());
+  const int most = rig.geometry.columns * rig.geometry.rows;
+  const auto refused = [](const char* option, double value, const std::string& allowed) {
+    std::ostringstream text;
+    text << "is " << value << ", allowed is " << allowed;
+    return Error{ErrorCode::kInvalidArgument, text.str(), option};
+  };
+  if (options.cameras < 2 || options.cameras > most) {
+    return refused("cameras", options.cameras, "2 to " + std::to_string(most) + " (the rig's)");
+  }
+  if (!(options.height_m >= 0.8 && options.height_m <= 2.2)) {
+    return refused("height_m", options.height_m, "0.8 to 2.2");
+  }
+  if (!(options.picture_scale > 0.05 && options.picture_scale <= 2.0)) {
+    return refused("picture_scale", options.picture_scale, "0.05 to 2");
+  }
+  return {};
+}
+
+WorldObject MakeProceduralBody(const SimulateOptions& options, RunContext& context) {
+  const BodyShape shape(DrawProportions(DeriveSeed(options.seed, kProportionsSeed)), options.relief,
+                        static_cast<float>(options.height_m));
+  WorldObject object;
+  object.mesh = MakeBodyMesh(shape, kBodyVoxel_m, context.threads);
+  Garment garment(options.texture, DeriveSeed(options.seed, kGarmentSeed), shape.layout());
+  object.paint = MakeBodyPaint(shape, std::move(garment), DeriveSeed(options.seed, kSkinSeed));
+  return object;
+}
+
+Frame DescribeFrame(const CalibratedCamera& camera, const RigOptions& rig) {
+  Frame frame;
+  frame.camera = camera.camera;
+  frame.serial = camera.serial;
+  frame.file = "frames/" + camera.camera + ".png";
+  frame.width_px = camera.intrinsics.width_px;
+  frame.height_px = camera.intrinsics.height_px;
+  frame.pixel_format = "RGB8";
+  frame.exposure_us = rig.sensor.exposure_us;
+  frame.frame_id = 1;
+  return frame;
+}
+
+/// Renders and writes every camera's picture below `folder`; fills in the frames' hashes.
+Status WritePictures(const World& world, const Calibration& truth, const RigOptions& rig,
+                     const SimulateOptions& options, const std::filesystem::path& folder,
+                     std::vector<Frame>* frames, RunContext& context) {
+  const RayScene scene(world, false);
+  std::vector<std::optional<Error>> errors(frames->size());
+  std::mutex progress;
+  size_t done = 0;
+  context.Report("pictures", 0, frames->size());
+  context.threads.ParallelFor(
+      frames->size(),
+      [&](size_t i) {
+        const Result<std::string> png =
+            EncodePng(RenderPicture(world, scene, truth.cameras[i], rig.sensor, options));
+        Frame& frame = (*frames)[i];
+        if (!png) {
+          errors[i] = png.error().In(frame.file);
+          return;
+        }
+        frame.xxh3 = FileHash(*png);
+        const Status written = WriteFileAtomically(folder / frame.file, *png);
+        if (!written) errors[i] = written.error();
+        const std::scoped_lock lock(progress);
+        context.Report("pictures", ++done, frames->size());
+      },
+      context.stop);
+  for (const std::optional<Error>& error : errors) {
+    if (error) return *error;
+  }
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped while rendering", ""};
+  return {};
+}
+
+}  // namespace
+
+Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
+                         RunContext& context) {
+  World world;
+  context.Report("world", 0, 2);
+  world.objects.push_back(MakeProceduralBody(options, context));
+  if (options.background == Background::kStudio) {
+    AddStudio(rig.geometry, DeriveSeed(options.seed, kStudioSeed), &world);
+  }
+  context.Report("world", 1, 2);
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped while building", ""};
+  BakeLight(&world, context.threads);
+  context.Report("world", 2, 2);
+  return world;
+}
+
+Picture RenderPicture(const World& world, const RayScene& scene, const CalibratedCamera& camera,
+                      const RigSensor& sensor, const SimulateOptions& options) {
+  const bool studio = options.background == Background::kStudio;
+  const Eigen::Vector3f backdrop =
+      Eigen::Vector3f::Constant(studio ? kBackdropStudio : kBackdropPlain);
+  const uint64_t name = XXH3_64bits(camera.camera.data(), camera.camera.size());
+  const uint64_t seed = DeriveSeed(DeriveSeed(options.seed, kNoiseSeed), name);
+  return Expose(RenderLight(world, scene, camera, backdrop), sensor, seed);
+}
+
+Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
+                        const std::filesystem::path& out, RunContext& context) {
+  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
+  ROTUNDA_ASSIGN_OR_RETURN(const World world, BuildWorld(rig, options, context));
+  const Calibration truth =
+      DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
+  FrameSet set;
+  set.id = "simulated-" + std::to_string(options.seed);
+  set.captured_at = truth.created_at;
+  set.trigger["source"] = "simulated";
+  for (const CalibratedCamera& camera : truth.cameras) {
+    set.frames.push_back(DescribeFrame(camera, rig));
+  }
+  std::error_code failed;
+  std::filesystem::create_directory(folder.path() / "frames", failed);
+  if (failed) {
+    return Error{ErrorCode::kIo, failed.message(), (folder.path() / "frames").string()};
+  }
+  ROTUNDA_RETURN_IF_ERROR(
+      WritePictures(world, truth, rig, options, folder.path(), &set.frames, context));
+  ROTUNDA_RETURN_IF_ERROR(
+      WriteFileAtomically(folder.path() / "truth.json", CalibrationToJson(truth)));
+  ROTUNDA_RETURN_IF_ERROR(
+      WriteFileAtomically(folder.path() / "frameset.json", FrameSetToJson(set)));
+  return folder.Commit();
+}
+
+}  // namespace rotunda::sim

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "sfm/core/result.h"
+
+namespace rotunda {
+
+/// Whole file as bytes. kNotFound, kIo; the error's context is the path.
+Result<std::string> ReadFile(const std::filesystem::path& file);
+
+/// Writes beside `file`, fsyncs and renames over it: a reader sees the old text or the new one.
+Status WriteFileAtomically(const std::filesystem::path& file, std::string_view bytes);
+
+/// A folder that appears whole or not at all. Begin() makes a hidden temporary folder beside
+/// `target`; Commit() fsyncs every file below and renames it into place; the destructor removes it
+/// when Commit() was not reached (error, Ctrl-C).
+class OutputFolder {
+ public:
+  /// kAlreadyExists when `target` is there and is not an empty folder; kIo when the parent cannot
+  /// be written.
+  static Result<OutputFolder> Begin(const std::filesystem::path& target);
+  OutputFolder(OutputFolder&& other) noexcept;
+  OutputFolder& operator=(OutputFolder&&) = delete;
+  ~OutputFolder();
+
+  /// Where to write.
+  const std::filesystem::path& path() const { return temporary_; }
+  /// kIo (with errno's text, e.g. "No space left on device") when a file cannot be made durable.
+  Status Commit();
+
+ private:
+  OutputFolder(std::filesystem::path target, std::filesystem::path temporary);
+  std::filesystem::path target_;
+  std::filesystem::path temporary_;  // empty once committed or moved from
+};
+
+}  // namespace rotunda

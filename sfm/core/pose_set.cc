@@ -1,0 +1,209 @@
+#include "sfm/core/pose_set.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "sfm/core/file_io.h"
+#include "sfm/core/json_reader.h"
+#include "sfm/core/json_types.h"
+
+namespace rotunda {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kMm = 1000.0;  // millimetres a metre
+
+Json VsCalibrationJson(const VsCalibration& vs) {
+  Json object;
+  object["rotation_deg"] = vs.rotation_deg;
+  object["position_mm"] = vs.position_mm;
+  object["moved"] = vs.moved;
+  return object;
+}
+
+/// An unregistered camera has no pose and nothing measured, only its lens if that is known.
+Json CameraJson(const CameraPose& camera) {
+  Json object;
+  object["camera"] = camera.camera;
+  object["registered"] = camera.registered;
+  if (!camera.registered) object["reason"] = camera.reason;
+  if (!camera.intrinsics.params.empty()) AddIntrinsics(camera.intrinsics, object);
+  if (!camera.registered) return object;
+  const Eigen::Vector3d position_mm = kMm * camera.cam_from_rig.OriginInSource();
+  object["cam_from_rig"] = Rigid3Json(camera.cam_from_rig);
+  object["position_mm"] = {position_mm.x(), position_mm.y(), position_mm.z()};
+  if (camera.sigma) object["sigma"] = SigmaJson(*camera.sigma);
+  if (!camera.side.empty()) object["side"] = camera.side;
+  object["segments"] = camera.segments;
+  object["observations"] = camera.observations;
+  object["rms_px"] = camera.rms_px;
+  if (camera.vs_calibration) object["vs_calibration"] = VsCalibrationJson(*camera.vs_calibration);
+  return object;
+}
+
+uint32_t ReadId(const JsonField& field) {
+  return static_cast<uint32_t>(field.Unsigned(0, std::numeric_limits<uint32_t>::max()));
+}
+
+std::string ReadSide(const JsonField& field) {
+  if (!field.present()) return "";
+  const std::string side = field.String();
+  if (side != "front" && side != "back" && side != "left" && side != "right") {
+    field.Refuse("\"front\", \"back\", \"left\" or \"right\"");
+  }
+  return side;
+}
+
+VsCalibration ReadVsCalibration(const JsonField& object) {
+  VsCalibration vs;
+  vs.rotation_deg = object["rotation_deg"].Number();
+  vs.position_mm = object["position_mm"].Number();
+  vs.moved = object["moved"].Bool();
+  return vs;
+}
+
+/// position_mm of the text is not read: it follows from cam_from_rig.
+CameraPose ReadCamera(const JsonField& object) {
+  CameraPose camera;
+  camera.camera = object["camera"].String();
+  if (camera.camera.empty()) object["camera"].Refuse("a camera's name");
+  camera.registered = object["registered"].Bool();
+  if (!camera.registered) camera.reason = object["reason"].String();
+  if (camera.registered || object["params"].present()) camera.intrinsics = ReadIntrinsics(object);
+  if (!camera.registered) return camera;
+  camera.cam_from_rig = ReadRigid3(object["cam_from_rig"]);
+  if (object["sigma"].present()) camera.sigma = ReadSigma(object["sigma"]);
+  camera.side = ReadSide(object["side"]);
+  for (const JsonField& id : object["segments"].Items()) camera.segments.push_back(ReadId(id));
+  camera.observations = object["observations"].Unsigned();
+  camera.rms_px = object["rms_px"].Number();
+  if (object["vs_calibration"].present()) {
+    camera.vs_calibration = ReadVsCalibration(object["vs_calibration"]);
+  }
+  return camera;
+}
+
+Json SegmentJson(const SegmentSummary& segment) {
+  Json object;
+  object["id"] = segment.id;
+  object["community"] = segment.community;
+  object["ambiguous"] = segment.ambiguous;
+  if (!segment.side.empty()) object["side"] = segment.side;
+  object["tracks"] = segment.tracks;
+  object["cameras"] = segment.cameras;
+  return object;
+}
+
+SegmentSummary ReadSegment(const JsonField& object) {
+  SegmentSummary segment;
+  segment.id = ReadId(object["id"]);
+  segment.community = ReadId(object["community"]);
+  segment.ambiguous = object["ambiguous"].Bool();
+  segment.side = ReadSide(object["side"]);
+  segment.tracks = object["tracks"].Unsigned();
+  segment.cameras = object["cameras"].Unsigned();
+  return segment;
+}
+
+Json SummaryJson(const PoseSummary& summary) {
+  Json object;
+  object["registered"] = summary.registered;
+  object["of"] = summary.of;
+  object["rms_px"] = summary.rms_px;
+  object["mean_reprojection_px"] = summary.mean_reprojection_px;
+  object["points"] = summary.points;
+  object["models"] = summary.models;
+  if (summary.mean_rotation_deg) object["mean_rotation_deg"] = *summary.mean_rotation_deg;
+  if (summary.mean_position_mm) object["mean_position_mm"] = *summary.mean_position_mm;
+  object["ambiguous_communities"] = summary.ambiguous_communities;
+  object["folded"] = summary.folded;
+  return object;
+}
+
+PoseSummary ReadSummary(const JsonField& object) {
+  PoseSummary summary;
+  summary.registered = object["registered"].Unsigned();
+  summary.of = object["of"].Unsigned();
+  summary.rms_px = object["rms_px"].Number();
+  summary.mean_reprojection_px = object["mean_reprojection_px"].Number();
+  summary.points = object["points"].Unsigned();
+  summary.models = object["models"].Unsigned();
+  const JsonField rotation = object["mean_rotation_deg"];
+  const JsonField position = object["mean_position_mm"];
+  if (rotation.present()) summary.mean_rotation_deg = rotation.Number();
+  if (position.present()) summary.mean_position_mm = position.Number();
+  summary.ambiguous_communities = object["ambiguous_communities"].Unsigned();
+  summary.folded = object["folded"].Bool();
+  return summary;
+}
+
+bool ReadMetric(const JsonField& field) {
+  const std::string scale = field.String();
+  if (scale != "metric" && scale != "arbitrary") field.Refuse("\"metric\" or \"arbitrary\"");
+  return scale == "metric";
+}
+
+std::vector<CameraPose> ReadCameras(const JsonField& field) {
+  std::vector<CameraPose> cameras;
+  std::map<std::string, size_t> places;
+  for (const JsonField& item : field.Items()) {
+    cameras.push_back(ReadCamera(item));
+    const auto [place, is_new] = places.emplace(cameras.back().camera, places.size());
+    if (!is_new) {
+      item["camera"].Fail("camera \"" + place->first + "\" is already cameras[" +
+                          std::to_string(place->second) + "]");
+    }
+  }
+  std::sort(cameras.begin(), cameras.end(),
+            [](const CameraPose& a, const CameraPose& b) { return a.camera < b.camera; });
+  return cameras;
+}
+
+}  // namespace
+
+std::string PoseSetToJson(const PoseSet& poses) {
+  Json root;
+  root["format"] = kPosesFormat;
+  root["frameset"] = poses.frameset;
+  root["method"] = poses.method;
+  root["options"] = Json::object();
+  for (const auto& [key, value] : poses.options) root["options"][key] = value;
+  root["scale"] = poses.metric ? "metric" : "arbitrary";
+  if (poses.aligned_to) root["aligned_to"] = *poses.aligned_to;
+  root["cameras"] = Json::array();
+  for (const CameraPose& camera : poses.cameras) root["cameras"].push_back(CameraJson(camera));
+  root["segments"] = Json::array();
+  for (const SegmentSummary& segment : poses.segments) {
+    root["segments"].push_back(SegmentJson(segment));
+  }
+  root["summary"] = SummaryJson(poses.summary);
+  return JsonText(root);
+}
+
+Result<PoseSet> PoseSetFromJson(const std::string& text, const std::string& source) {
+  ROTUNDA_ASSIGN_OR_RETURN(const nlohmann::json json, ParseJson(text, source));
+  JsonReader reader(source, json);
+  const JsonField root = reader.root();
+  root.ExpectFormat(kPosesFormat);
+  PoseSet poses;
+  poses.frameset = root["frameset"].String();
+  poses.method = root["method"].String();
+  for (const auto& [key, value] : root["options"].Members()) poses.options[key] = value.String();
+  poses.metric = ReadMetric(root["scale"]);
+  if (root["aligned_to"].present()) poses.aligned_to = root["aligned_to"].String();
+  poses.cameras = ReadCameras(root["cameras"]);
+  for (const JsonField& item : root["segments"].Items()) {
+    poses.segments.push_back(ReadSegment(item));
+  }
+  poses.summary = ReadSummary(root["summary"]);
+  ROTUNDA_RETURN_IF_ERROR(reader.status());
+  return poses;
+}
+
+Result<PoseSet> ReadPoseSet(const std::filesystem::path& file) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::string text, ReadFile(file));
+  return PoseSetFromJson(text, file.string());
+}
+
+}  // namespace rotunda

@@ -1,0 +1,85 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "sfm/core/calibration.h"
+#include "sfm/core/camera.h"
+#include "sfm/core/result.h"
+#include "sfm/core/rigid3.h"
+
+namespace rotunda {
+
+/// How far a pose is from the one in the calibration in force.
+struct VsCalibration {
+  double rotation_deg = 0.0;
+  double position_mm = 0.0;
+  bool moved = false;
+};
+
+/// One camera of a reconstruction.
+struct CameraPose {
+  std::string camera;
+  bool registered = false;
+  std::string reason;  // why it is not registered; empty when it is
+  CameraIntrinsics intrinsics;
+  Rigid3 cam_from_rig;             // metres when the set's scale is metric, else model units
+  std::optional<PoseSigma> sigma;  // position_mm is in 1/1000 model units when not metric
+  std::string side;                // "front", "back", "left", "right"; empty when not known
+  std::vector<uint32_t> segments;  // ids of segments whose tracks it sees
+  size_t observations = 0;
+  double rms_px = 0.0;
+  std::optional<VsCalibration> vs_calibration;
+};
+
+/// A track community, as reported.
+struct SegmentSummary {
+  uint32_t id = 0;
+  uint32_t community = 0;
+  bool ambiguous = false;
+  std::string side;
+  size_t tracks = 0;
+  size_t cameras = 0;
+};
+
+struct PoseSummary {
+  size_t registered = 0;
+  size_t of = 0;
+  double rms_px = 0.0;
+  /// Mean over points of the mean reprojection error of the point's observations (COLMAP's figure).
+  double mean_reprojection_px = 0.0;
+  size_t points = 0;
+  size_t models = 1;  // > 1: pieces that could not be joined; the largest is given
+  std::optional<double> mean_rotation_deg;  // against the calibration, when there is one
+  std::optional<double> mean_position_mm;
+  size_t ambiguous_communities = 0;
+  bool folded = false;
+};
+
+/// What a reconstruction gives: poses.json. Cameras are sorted by name; all cameras of the frame
+/// set are there.
+struct PoseSet {
+  std::string frameset;  // id of the frame set
+  std::string method;    // "plain", "tc-sfm"
+  std::map<std::string, std::string> options;
+  bool metric = false;
+  std::optional<std::string> aligned_to;  // calibration id
+  std::vector<CameraPose> cameras;
+  std::vector<SegmentSummary> segments;
+  PoseSummary summary;
+};
+
+/// A reconstruction with a camera farther off than this is folded: look-alike sides of the subject
+/// were taken for one (TC-SfM, section IV).
+inline constexpr double kFoldedRotation_deg = 10.0;
+
+inline constexpr char kPosesFormat[] = "rotunda-poses/1";
+
+std::string PoseSetToJson(const PoseSet& poses);
+Result<PoseSet> PoseSetFromJson(const std::string& text, const std::string& source);
+Result<PoseSet> ReadPoseSet(const std::filesystem::path& file);
+
+}  // namespace rotunda

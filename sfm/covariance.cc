@@ -1,0 +1,279 @@
+#include "sfm/covariance.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "sfm/bundle_adjustment.h"
+
+namespace rotunda::sfm {
+namespace {
+
+/// Partial sums of the normal equations. Fixed, so that the sum does not depend on the number of
+/// threads.
+constexpr size_t kChunks = 8;
+constexpr Eigen::Index kPoseSize = 6;
+constexpr Eigen::Index kGaugeSize = 7;
+
+/// Where each pose and lens stands among the unknowns that remain once the points are eliminated.
+struct Layout {
+  std::vector<Eigen::Index> pose;                      // by ImageId; -1: not registered
+  std::vector<Eigen::Index> lens;                      // by lens; -1: fixed or not used
+  std::vector<std::vector<Eigen::Index>> lens_params;  // by lens: which parameters are refined
+  Eigen::Index size = 0;
+};
+
+Layout MakeLayout(const Reconstruction& reconstruction, bool intrinsics_refined) {
+  Layout layout;
+  const Intrinsics& intrinsics = reconstruction.intrinsics;
+  layout.pose.assign(reconstruction.cam_from_model.size(), -1);
+  layout.lens.assign(intrinsics.lenses.size(), -1);
+  layout.lens_params.resize(intrinsics.lenses.size());
+  for (size_t i = 0; i < layout.pose.size(); ++i) {
+    if (!reconstruction.cam_from_model[i]) continue;
+    layout.pose[i] = layout.size;
+    layout.size += kPoseSize;
+  }
+  if (!intrinsics_refined) return layout;
+  for (size_t i = 0; i < layout.pose.size(); ++i) {
+    const size_t l = intrinsics.lens_of_image[i];
+    if (layout.pose[i] < 0 || layout.lens[l] >= 0) continue;
+    layout.lens[l] = layout.size;
+    for (size_t p = 0; p < intrinsics.lenses[l].params.size(); ++p) {
+      if (IsPrincipalPoint(intrinsics.lenses[l].model, p)) continue;
+      layout.lens_params[l].push_back(static_cast<Eigen::Index>(p));
+    }
+    layout.size += static_cast<Eigen::Index>(layout.lens_params[l].size());
+  }
+  return layout;
+}
+
+/// Unknowns that stand together: of one pose or one lens.
+struct Segment {
+  Eigen::Index place;   // of the first among all unknowns
+  Eigen::Index column;  // of the first in the row's Jacobian
+  Eigen::Index size;
+};
+
+/// One observation's weighted residual and its derivatives by pose and lens, and by the point.
+struct Row {
+  Eigen::Vector2d residual;
+  Eigen::Matrix<double, 2, 3> by_point;
+  Eigen::Matrix<double, 2, Eigen::Dynamic, 0, 2, kPoseSize + kMaxCameraParams> by_unknowns;
+  Segment pose, lens;
+};
+
+Row MakeRow(const Reconstruction& reconstruction, const Features& features, const Layout& layout,
+            const Point3& point, const Observation& observation) {
+  const size_t image = observation.image.index();
+  const size_t l = reconstruction.intrinsics.lens_of_image[image];
+  const CameraIntrinsics& lens = reconstruction.intrinsics.lenses[l];
+  const Rigid3& cam_from_model = *reconstruction.cam_from_model[image];
+  const Keypoint& keypoint =
+      features.image(observation.image).keypoints[observation.keypoint.index()];
+  const Eigen::Vector3d x = cam_from_model * point.position;
+  const bool with_lens = layout.lens[l] >= 0;
+  ProjectionJacobian projection;
+  ProjectWithJacobian(lens.model, lens.params.data(), x, with_lens, projection);
+  const double weight = 1.0 / KeypointSigma_px(keypoint);
+  Row row;
+  row.residual = weight * (projection.pixel - Eigen::Vector2d(keypoint.x_px, keypoint.y_px));
+  const Eigen::Matrix<double, 2, 3> by_x = weight * projection.by_point;
+  row.by_point = by_x * cam_from_model.RotationMatrix();
+  const auto& params = layout.lens_params[l];
+  const auto lens_size = static_cast<Eigen::Index>(params.size());
+  row.pose = {layout.pose[image], 0, kPoseSize};
+  row.lens = {layout.lens[l], kPoseSize, lens_size};
+  row.by_unknowns.resize(2, kPoseSize + lens_size);
+  row.by_unknowns.leftCols<3>() = -by_x * CrossMatrix(x);
+  row.by_unknowns.middleCols<3>(3) = -row.by_point;
+  for (Eigen::Index p = 0; p < lens_size; ++p) {
+    row.by_unknowns.col(kPoseSize + p) =
+        weight * projection.by_params.col(params[static_cast<size_t>(p)]);
+  }
+  return row;
+}
+
+/// The lower triangle of the reduced normal matrix, and the residuals.
+struct Normal {
+  Eigen::MatrixXd matrix;
+  double squares = 0;
+  size_t observations = 0;
+  size_t points = 0;
+};
+
+/// matrix += a^T b at the places of the rows' unknowns, on and below the diagonal blocks.
+template <typename Reduced>
+void AddProduct(const Reduced& a, const Row& rows, const Reduced& b, const Row& columns,
+                Eigen::MatrixXd& matrix) {
+  if (rows.pose.place >= columns.pose.place) {
+    matrix.block<kPoseSize, kPoseSize>(rows.pose.place, columns.pose.place).noalias() +=
+        a.template leftCols<kPoseSize>().transpose() * b.template leftCols<kPoseSize>();
+  }
+  for (const Segment& r : {rows.pose, rows.lens}) {
+    for (const Segment& c : {columns.pose, columns.lens}) {
+      if (r.place < c.place || r.size == 0 || c.size == 0) continue;
+      if (r.column == 0 && c.column == 0) continue;
+      matrix.block(r.place, c.place, r.size, c.size).noalias() +=
+          a.middleCols(r.column, r.size).transpose() * b.middleCols(c.column, c.size);
+    }
+  }
+}
+
+/// S += E^T E - E^T P (P^T P)^-1 P^T E for the rows E (unknowns) and P (point) of one point.
+void AddPoint(const Reconstruction& reconstruction, const Features& features, const Layout& layout,
+              const Point3& point, Normal& normal) {
+  std::vector<Row> rows;
+  Eigen::Matrix3d point_normal = Eigen::Matrix3d::Zero();
+  for (const Observation& observation : point.observations) {
+    if (!reconstruction.Registered(observation.image)) continue;
+    rows.push_back(MakeRow(reconstruction, features, layout, point, observation));
+    point_normal += rows.back().by_point.transpose() * rows.back().by_point;
+  }
+  const Eigen::LLT<Eigen::Matrix3d> cholesky(point_normal);
+  if (rows.size() < 2 || cholesky.info() != Eigen::Success) return;
+  const Eigen::Matrix3d inverse_factor =
+      cholesky.matrixL().solve(Eigen::Matrix3d(Eigen::Matrix3d::Identity()));
+  ++normal.points;
+  using Reduced = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kPoseSize + kMaxCameraParams>;
+  std::vector<Reduced> reduced;
+  for (const Row& row : rows) {
+    normal.squares += row.residual.squaredNorm();
+    ++normal.observations;
+    reduced.push_back(inverse_factor * row.by_point.transpose() * row.by_unknowns);
+    AddProduct(row.by_unknowns, row, row.by_unknowns, row, normal.matrix);
+  }
+  for (size_t i = 0; i < rows.size(); ++i) {
+    for (size_t j = 0; j < rows.size(); ++j) {
+      AddProduct(Reduced(-reduced[i]), rows[i], reduced[j], rows[j], normal.matrix);
+    }
+  }
+}
+
+Normal SumNormal(const Reconstruction& reconstruction, const Features& features,
+                 const Layout& layout, RunContext& context) {
+  std::vector<Normal> partial(kChunks);
+  const size_t count = reconstruction.points.size();
+  context.threads.ParallelFor(kChunks, [&](size_t chunk) {
+    partial[chunk].matrix = Eigen::MatrixXd::Zero(layout.size, layout.size);
+    for (size_t p = chunk * count / kChunks; p < (chunk + 1) * count / kChunks; ++p) {
+      AddPoint(reconstruction, features, layout, reconstruction.points[p], partial[chunk]);
+    }
+  });
+  Normal sum = std::move(partial[0]);
+  for (size_t chunk = 1; chunk < kChunks; ++chunk) {
+    sum.matrix += partial[chunk].matrix;
+    sum.squares += partial[chunk].squares;
+    sum.observations += partial[chunk].observations;
+    sum.points += partial[chunk].points;
+  }
+  sum.matrix.triangularView<Eigen::StrictlyUpper>() = sum.matrix.transpose();
+  return sum;
+}
+
+/// The seven directions the data cannot see (columns of `free`: three shifts, three turns and the
+/// scale, about the centroid of the centres, of unit length over all centres), and what they do to
+/// the centres alone (rows of `fit`): fit * change = 0 says that the Sim(3) fit finds nothing.
+struct Gauge {
+  Eigen::MatrixXd free;
+  Eigen::MatrixXd fit;
+};
+
+Gauge MakeGauge(const Reconstruction& reconstruction, const Layout& layout) {
+  Gauge gauge = {Eigen::MatrixXd::Zero(layout.size, kGaugeSize),
+                 Eigen::MatrixXd::Zero(kGaugeSize, layout.size)};
+  Eigen::Vector3d centroid = Eigen::Vector3d::Zero();
+  double count = 0;
+  for (const auto& pose : reconstruction.cam_from_model) {
+    if (!pose) continue;
+    centroid += pose->OriginInSource();
+    count += 1;
+  }
+  centroid /= count;
+  for (size_t i = 0; i < layout.pose.size(); ++i) {
+    if (layout.pose[i] < 0) continue;
+    const Rigid3& pose = *reconstruction.cam_from_model[i];
+    const Eigen::Vector3d arm = pose.OriginInSource() - centroid;
+    auto by_rotation = gauge.free.middleRows<3>(layout.pose[i]);
+    auto by_center = gauge.free.middleRows<3>(layout.pose[i] + 3);
+    by_center.leftCols<3>().setIdentity();
+    by_center.middleCols<3>(3) = -CrossMatrix(arm);
+    by_center.col(6) = arm;
+    by_rotation.middleCols<3>(3) = -pose.RotationMatrix();
+    gauge.fit.middleCols<3>(layout.pose[i] + 3) = by_center.transpose();
+  }
+  for (Eigen::Index g = 0; g < kGaugeSize; ++g) {
+    const double length = gauge.fit.row(g).norm();
+    gauge.free.col(g) /= length;
+    gauge.fit.row(g) /= length;
+  }
+  return gauge;
+}
+
+/// (S + w G^T G)^-1 is one covariance for some gauge; H = I - N (G N)^-1 G takes any gauge to that
+/// of the fit.
+Result<Eigen::MatrixXd> ConstrainedInverse(const Eigen::MatrixXd& normal, const Gauge& gauge) {
+  const Error unsolvable = {ErrorCode::kFailed, "the normal equations do not determine the poses",
+                            "covariance"};
+  const double weight = normal.diagonal().mean();
+  const Eigen::MatrixXd held = normal + weight * gauge.fit.transpose() * gauge.fit;
+  // Angles, lengths and distortion coefficients differ by orders: equilibrate before factorising.
+  const Eigen::VectorXd scale = held.diagonal().cwiseSqrt().cwiseInverse();
+  if (!scale.allFinite()) return unsolvable;
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(scale.asDiagonal() * held * scale.asDiagonal());
+  if (cholesky.info() != Eigen::Success) return unsolvable;
+  const Eigen::Index size = normal.rows();
+  const Eigen::MatrixXd inverse = scale.asDiagonal() *
+                                  cholesky.solve(Eigen::MatrixXd::Identity(size, size)) *
+                                  scale.asDiagonal();
+  const Eigen::MatrixXd to_fit = Eigen::MatrixXd::Identity(size, size) -
+                                 gauge.free * (gauge.fit * gauge.free).inverse() * gauge.fit;
+  Eigen::MatrixXd covariance = to_fit * inverse * to_fit.transpose();
+  if (!covariance.allFinite() || covariance.diagonal().minCoeff() < 0) return unsolvable;
+  return covariance;
+}
+
+}  // namespace
+
+Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstruction,
+                                             const Features& features, bool intrinsics_refined,
+                                             RunContext& context) {
+  if (RegisteredCount(reconstruction) < 3) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(RegisteredCount(reconstruction)) +
+                     " registered images; a similarity fit needs 3",
+                 "covariance"};
+  }
+  const Layout layout = MakeLayout(reconstruction, intrinsics_refined);
+  const Normal normal = SumNormal(reconstruction, features, layout, context);
+  const double redundancy = 2.0 * static_cast<double>(normal.observations) -
+                            3.0 * static_cast<double>(normal.points) -
+                            static_cast<double>(layout.size - kGaugeSize);
+  if (!(redundancy > 0)) {
+    return Error{ErrorCode::kFailed, "fewer observations than unknowns", "covariance"};
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(Eigen::MatrixXd covariance,
+                           ConstrainedInverse(normal.matrix, MakeGauge(reconstruction, layout)));
+  PoseCovariances out;
+  out.sigma0 = std::sqrt(normal.squares / redundancy);
+  covariance *= out.sigma0 * out.sigma0;
+  for (const Eigen::Index place : layout.pose) {
+    out.images.push_back(place < 0 ? std::nullopt
+                                   : std::optional<PoseCovariance>(
+                                         covariance.block<kPoseSize, kPoseSize>(place, place)));
+  }
+  for (const Eigen::Index place : layout.lens) {  // a model's first parameter is a focal length
+    out.focal_sigma_px.push_back(
+        place < 0 ? std::nullopt : std::optional<double>(std::sqrt(covariance(place, place))));
+  }
+  return out;
+}
+
+PoseSigma SigmaOf(const PoseCovariance& covariance) {
+  PoseSigma sigma;
+  sigma.rotation_deg = DegFromRad(std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
+  sigma.position_mm = 1000.0 * std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+  return sigma;
+}
+
+}  // namespace rotunda::sfm

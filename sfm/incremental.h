@@ -1,0 +1,62 @@
+#pragma once
+
+#include <vector>
+
+#include "sfm/bundle_adjustment.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+#include "sfm/features.h"
+#include "sfm/intrinsics.h"
+#include "sfm/reconstruction.h"
+#include "sfm/tracks.h"
+#include "sfm/two_view.h"
+#include "sfm/view_graph.h"
+
+namespace rotunda::sfm {
+
+/// What incremental reconstruction starts from; borrowed, never changed.
+struct IncrementalInput {
+  const Features& features;
+  const Intrinsics& intrinsics;
+  const TwoViews& two_views;
+  const ViewGraph& view_graph;
+  const Tracks& tracks;
+};
+
+struct IncrementalOptions {
+  bool refine_intrinsics = false;
+  double min_initial_angle_rad =
+      RadFromDeg(16.0);              // relaxed by halves down to a quarter when no pair has it
+  size_t min_initial_inliers = 100;  // likewise down to 30
+  double max_reprojection_px = 4.0;
+  double min_triangulation_angle_rad = RadFromDeg(1.5);
+  double max_pnp_error_px = 12.0;
+  size_t min_pnp_inliers = 30;  // relaxed to 15 when nothing else can be registered
+  double min_pnp_inlier_ratio = 0.25;
+  double global_ba_growth = 1.1;  // global BA when images or points grew by this factor
+  size_t local_ba_images = 6;
+  size_t min_model_images = 3;
+  size_t max_models = 20;
+  Status Validate() const;
+};
+
+struct UnregisteredImage {
+  ImageId image;
+  std::string reason;
+};
+
+struct IncrementalResult {
+  std::vector<Reconstruction>
+      models;  // most images first, ties by most points; no image is in two models
+  std::vector<UnregisteredImage> unregistered;  // in no model, with the reason
+};
+
+/// Incremental structure from motion (Schoenberger & Frahm, CVPR 2016): initial pair, next image by
+/// P3P + LO-RANSAC + refinement, triangulation, local and global bundle adjustment, filtering,
+/// retriangulation; what is left over starts a model of its own. kFailed when no pair initialises:
+/// the message says what the best pair lacked.
+Result<IncrementalResult> BuildReconstructions(const IncrementalInput& input,
+                                               const IncrementalOptions& options,
+                                               RunContext& context);
+
+}  // namespace rotunda::sfm

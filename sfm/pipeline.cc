@@ -1,0 +1,292 @@
+#include "sfm/pipeline.h"
+
+#include <algorithm>
+#include <string>
+#include <system_error>
+
+#include "sfm/colmap_io.h"
+#include "sfm/core/file_io.h"
+#include "sfm/covariance.h"
+#include "sfm/intrinsics.h"
+#include "sfm/pairs.h"
+#include "sfm/report.h"
+#include "sfm/rig_alignment.h"
+#include "sfm/stage_io.h"
+#include "sfm/tracks.h"
+#include "sfm/view_graph.h"
+
+namespace rotunda::sfm {
+namespace {
+
+constexpr size_t kMinPictures = 2;
+
+/// Everything up to the tracks: what incremental reconstruction borrows.
+struct FrontEnd {
+  Features features;
+  Intrinsics intrinsics;
+  TwoViews two_views;
+  ViewGraph view_graph;
+  Tracks tracks;
+};
+
+/// One run of the pipeline: knows which products are read and which are written.
+struct Run {
+  const FrameSet& set;
+  const std::optional<Calibration>& calibration;
+  const PipelineOptions& options;
+  RunContext& context;
+
+  bool Reads(Stage stage) const { return options.start_from && stage <= *options.start_from; }
+  std::filesystem::path File(const char* name) const { return *options.stages_folder / name; }
+};
+
+Status CheckStopped(const RunContext& context) {
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
+  return {};
+}
+
+/// Reads the product when the run starts behind it, else makes it and, if asked for, writes it.
+template <typename Product, typename Read, typename Make, typename Write>
+Result<Product> ReadOrMake(const Run& run, Stage stage, const Read& read, const Make& make,
+                           const Write& write) {
+  if (run.Reads(stage)) return read();
+  Result<Product> product = make();
+  if (product.ok() && run.options.stages_folder) ROTUNDA_RETURN_IF_ERROR(write(*product));
+  ROTUNDA_RETURN_IF_ERROR(CheckStopped(run.context));
+  return product;
+}
+
+Result<std::vector<ImagePair>> SelectPairs(const Run& run) {
+  if (run.options.pairs == PairSelection::kExhaustive) {
+    return ExhaustivePairs(run.set.frames.size());
+  }
+  if (!run.calibration) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "pairs of neighbours need a calibration, and there is none", ""};
+  }
+  return NeighbourPairs(run.set, *run.calibration);
+}
+
+Result<Features> MakeFeatures(const Run& run) {
+  return ReadOrMake<Features>(
+      run, Stage::kFeatures, [&] { return ReadFeatures(run.File("features.bin")); },
+      [&] { return BuildFeatures(run.set, run.options.features, run.context); },
+      [&](const Features& made) { return WriteFeatures(made, run.File("features.bin")); });
+}
+
+Result<Matches> MakeMatches(const Run& run, const Features& features) {
+  return ReadOrMake<Matches>(
+      run, Stage::kMatches, [&] { return ReadMatches(run.File("matches.bin"), features); },
+      [&]() -> Result<Matches> {
+        ROTUNDA_ASSIGN_OR_RETURN(const std::vector<ImagePair> pairs, SelectPairs(run));
+        return BuildMatches(features, pairs, run.options.matching, run.context);
+      },
+      [&](const Matches& made) { return WriteMatches(made, run.File("matches.bin")); });
+}
+
+Result<TwoViews> MakeTwoViews(const Run& run, const FrontEnd& front, const Matches& matches) {
+  return ReadOrMake<TwoViews>(
+      run, Stage::kTwoViews,
+      [&] { return ReadTwoViews(run.File("two_views.bin"), front.features); },
+      [&] {
+        return BuildTwoViews(front.features, front.intrinsics, matches, run.options.two_view,
+                             run.context);
+      },
+      [&](const TwoViews& made) { return WriteTwoViews(made, run.File("two_views.bin")); });
+}
+
+Result<Tracks> MakeTracks(const Run& run, const FrontEnd& front) {
+  return ReadOrMake<Tracks>(
+      run, Stage::kTracks, [&] { return ReadTracks(run.File("tracks.bin"), front.features); },
+      [&]() -> Result<Tracks> {
+        run.context.Report("tracks", 0, 1);
+        return BuildTracks(front.features, front.two_views, front.view_graph);
+      },
+      [&](const Tracks& made) { return WriteTracks(made, run.File("tracks.bin")); });
+}
+
+Result<FrontEnd> RunFrontEnd(const Run& run) {
+  FrontEnd front;
+  Matches matches;
+  if (run.options.database) {
+    run.context.Report("database", 0, 1);
+    ROTUNDA_ASSIGN_OR_RETURN(ColmapDatabase database,
+                             ReadColmapDatabase(*run.options.database, run.set));
+    front.features = std::move(database.features);
+    matches = std::move(database.matches);
+  } else {
+    ROTUNDA_ASSIGN_OR_RETURN(front.features, MakeFeatures(run));
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(front.intrinsics,
+                           BuildIntrinsics(run.set, front.features, run.calibration));
+  if (!run.options.database) {
+    ROTUNDA_ASSIGN_OR_RETURN(matches, MakeMatches(run, front.features));
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(front.two_views, MakeTwoViews(run, front, matches));
+  front.view_graph = BuildViewGraph(front.features, front.two_views);
+  ROTUNDA_ASSIGN_OR_RETURN(front.tracks, MakeTracks(run, front));
+  return front;
+}
+
+std::map<std::string, std::string> DescribeOptions(const Run& run, bool refine_intrinsics) {
+  return {{"pairs", run.options.database                              ? "database"
+                    : run.options.pairs == PairSelection::kExhaustive ? "exhaustive"
+                                                                      : "neighbours"},
+          {"intrinsics", refine_intrinsics ? "refined" : "fixed"},
+          {"max_keypoints", std::to_string(run.options.features.max_keypoints)},
+          {"seed", std::to_string(run.context.seed)}};
+}
+
+/// Poses and summary of the largest model; what is measured against the calibration comes later.
+PoseSet DescribePoses(const Run& run, const IncrementalResult& models,
+                      const Reconstruction& reconstruction, const Features& features) {
+  PoseSet poses;
+  poses.frameset = run.set.id;
+  poses.method = "plain";
+  const ReprojectionSummary residuals = SummarizeReprojection(reconstruction, features);
+  poses.summary.of = run.set.frames.size();
+  poses.summary.registered = RegisteredCount(reconstruction);
+  poses.summary.rms_px = residuals.rms_px;
+  poses.summary.mean_reprojection_px = residuals.mean_over_points_px;
+  poses.summary.points = reconstruction.points.size();
+  poses.summary.models = models.models.size();
+  for (size_t i = 0; i < run.set.frames.size(); ++i) {
+    CameraPose& pose = poses.cameras.emplace_back();
+    pose.camera = run.set.frames[i].camera;
+    pose.intrinsics = reconstruction.intrinsics.of(ImageId(i));
+    pose.observations = residuals.images[i].observations;
+    pose.rms_px = residuals.images[i].rms_px;
+    pose.registered = reconstruction.Registered(ImageId(i));
+    if (pose.registered) {
+      pose.cam_from_rig = *reconstruction.cam_from_model[i];
+    } else {
+      pose.reason =
+          "is in another piece of the reconstruction, which could not be joined to this one";
+    }
+  }
+  for (const UnregisteredImage& image : models.unregistered) {
+    poses.cameras[image.image.index()].reason = image.reason;
+  }
+  return poses;
+}
+
+void AddSigmas(const PoseCovariances& covariances, PoseSet& poses) {
+  for (size_t i = 0; i < poses.cameras.size(); ++i) {
+    if (covariances.images[i]) poses.cameras[i].sigma = SigmaOf(*covariances.images[i]);
+  }
+}
+
+/// "front" within 45 degrees of azimuth 0 of the rig frame, and so on counter-clockwise.
+std::string SideOf(const Rigid3& cam_from_rig) {
+  const Eigen::Vector3d center_m = cam_from_rig.OriginInSource();
+  const double azimuth_deg = DegFromRad(std::atan2(center_m.y(), center_m.x()));
+  if (std::abs(azimuth_deg) <= 45) return "front";
+  if (std::abs(azimuth_deg) >= 135) return "back";
+  return azimuth_deg > 0 ? "left" : "right";
+}
+
+void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& calibration,
+                           PoseSet& poses) {
+  poses.metric = true;
+  poses.aligned_to = calibration.id;
+  double rotation_sum_deg = 0, position_sum_mm = 0;
+  size_t compared = 0;
+  for (size_t i = 0; i < poses.cameras.size(); ++i) {
+    CameraPose& pose = poses.cameras[i];
+    if (!pose.registered) continue;
+    pose.side = SideOf(pose.cam_from_rig);
+    pose.vs_calibration = alignment.vs_calibration[i];
+    if (!pose.vs_calibration) continue;
+    poses.summary.folded |= pose.vs_calibration->rotation_deg > kFoldedRotation_deg;
+    rotation_sum_deg += pose.vs_calibration->rotation_deg;
+    position_sum_mm += pose.vs_calibration->position_mm;
+    ++compared;
+  }
+  if (compared == 0) return;
+  poses.summary.mean_rotation_deg = rotation_sum_deg / static_cast<double>(compared);
+  poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);
+}
+
+Result<PipelineResult> Finish(const Run& run, FrontEnd front, IncrementalResult models,
+                              bool refine_intrinsics) {
+  run.context.Report("uncertainty", 0, 1);
+  Reconstruction model = WithColors(std::move(models.models.front()), front.features);
+  ROTUNDA_ASSIGN_OR_RETURN(
+      PoseCovariances covariances,
+      BuildPoseCovariances(model, front.features, refine_intrinsics, run.context));
+  std::optional<RigAlignment> alignment;
+  if (run.calibration && RegisteredCount(model) >= 3) {
+    ROTUNDA_ASSIGN_OR_RETURN(alignment, AlignToCalibration(model, run.set, *run.calibration,
+                                                           covariances, run.context.seed));
+    model = Transformed(model, alignment->rig_from_model);
+    covariances = Transformed(covariances, alignment->rig_from_model);
+  }
+  PoseSet poses = DescribePoses(run, models, model, front.features);
+  poses.options = DescribeOptions(run, refine_intrinsics);
+  AddSigmas(covariances, poses);
+  if (alignment) AddCalibrationFigures(*alignment, *run.calibration, poses);
+
+  PipelineResult result{run.set, std::move(front.features), std::move(model), std::move(poses)};
+  for (size_t i = 0; i < result.set.frames.size(); ++i) {
+    result.set.frames[i].width_px = result.features.images[i].width_px;
+    result.set.frames[i].height_px = result.features.images[i].height_px;
+  }
+  return result;
+}
+
+}  // namespace
+
+Result<Stage> StageFromName(std::string_view name) {
+  if (name == "features") return Stage::kFeatures;
+  if (name == "matches") return Stage::kMatches;
+  if (name == "two-views") return Stage::kTwoViews;
+  if (name == "tracks") return Stage::kTracks;
+  return Error{ErrorCode::kInvalidArgument,
+               "stage '" + std::string(name) +
+                   "' is not known; known are features, matches, two-views, tracks",
+               ""};
+}
+
+Result<PipelineResult> RunPipeline(const FrameSet& set,
+                                   const std::optional<Calibration>& calibration,
+                                   const PipelineOptions& options, RunContext& context) {
+  const Run run{set, calibration, options, context};
+  if (set.frames.size() < kMinPictures) {
+    return Error{ErrorCode::kBadInput,
+                 "has " + std::to_string(set.frames.size()) + " picture, at least " +
+                     std::to_string(kMinPictures) + " are needed",
+                 set.folder.string()};
+  }
+  if (options.start_from && !options.stages_folder) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "starting from a stage needs the folder of the stages", ""};
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(FrontEnd front, RunFrontEnd(run));
+
+  IncrementalOptions incremental = options.incremental;
+  incremental.refine_intrinsics = options.refine_intrinsics.value_or(!front.intrinsics.known);
+  const IncrementalInput input{front.features, front.intrinsics, front.two_views, front.view_graph,
+                               front.tracks};
+  ROTUNDA_ASSIGN_OR_RETURN(IncrementalResult models,
+                           BuildReconstructions(input, incremental, context));
+  ROTUNDA_RETURN_IF_ERROR(CheckStopped(context));
+  return Finish(run, std::move(front), std::move(models), incremental.refine_intrinsics);
+}
+
+Status WriteResult(const PipelineResult& result, const std::optional<Calibration>& calibration,
+                   const std::filesystem::path& folder, RunContext& context) {
+  context.Report("report", 0, 1);
+  const std::filesystem::path sparse = folder / "sparse" / "0";
+  std::error_code failure;
+  std::filesystem::create_directories(sparse, failure);
+  if (failure) return Error{ErrorCode::kIo, failure.message(), sparse.string()};
+  ROTUNDA_RETURN_IF_ERROR(WriteFileAtomically(folder / "poses.json", PoseSetToJson(result.poses)));
+  ROTUNDA_RETURN_IF_ERROR(WriteColmapModel(result.reconstruction, result.features, result.set,
+                                           sparse, ColmapEncoding::kBinary));
+  ROTUNDA_RETURN_IF_ERROR(WritePly(result.reconstruction, folder / "points.ply"));
+  const ReportInput input{result.set, result.poses, result.reconstruction, calibration};
+  ROTUNDA_ASSIGN_OR_RETURN(const std::string html, BuildReport(input, context));
+  return WriteFileAtomically(folder / "report.html", html);
+}
+
+}  // namespace rotunda::sfm

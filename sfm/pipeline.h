@@ -1,0 +1,58 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "sfm/core/calibration.h"
+#include "sfm/core/frame_set.h"
+#include "sfm/core/pose_set.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+#include "sfm/features.h"
+#include "sfm/incremental.h"
+#include "sfm/matching.h"
+#include "sfm/reconstruction.h"
+#include "sfm/two_view.h"
+
+namespace rotunda::sfm {
+
+enum class PairSelection { kExhaustive, kNeighbours };
+
+/// Products that can be written to disk and started from, in the order of the data.
+enum class Stage { kFeatures, kMatches, kTwoViews, kTracks };
+Result<Stage> StageFromName(std::string_view name);  // "features", "matches", "two-views", "tracks"
+
+struct PipelineOptions {
+  PairSelection pairs = PairSelection::kExhaustive;
+  std::optional<bool> refine_intrinsics;  // unset: refined when they do not come from a calibration
+  FeatureOptions features;
+  MatchOptions matching;
+  TwoViewOptions two_view;
+  IncrementalOptions incremental;
+  /// COLMAP database.db whose keypoints and matches are used in place of our own front end.
+  std::optional<std::filesystem::path> database;
+  /// Where every stage's product is written for inspection and for `start_from`.
+  std::optional<std::filesystem::path> stages_folder;
+  /// Products up to and including this one are read from `stages_folder` instead of being made.
+  std::optional<Stage> start_from;
+};
+
+struct PipelineResult {
+  FrameSet set;  // with the sizes of the pictures
+  Features features;
+  Reconstruction reconstruction;  // the largest model; in the rig frame when `poses.metric`
+  PoseSet poses;
+};
+
+/// Pictures in, camera poses out. `calibration` gives intrinsics, metric scale and the rig frame.
+Result<PipelineResult> RunPipeline(const FrameSet& set,
+                                   const std::optional<Calibration>& calibration,
+                                   const PipelineOptions& options, RunContext& context);
+
+/// Writes poses.json, sparse/0 (COLMAP binary model), points.ply and report.html into `folder`,
+/// which must exist.
+Status WriteResult(const PipelineResult& result, const std::optional<Calibration>& calibration,
+                   const std::filesystem::path& folder, RunContext& context);
+
+}  // namespace rotunda::sfm

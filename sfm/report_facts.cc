@@ -1,0 +1,335 @@
+#include "sfm/report_facts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "sfm/report_html.h"
+
+namespace rotunda::sfm::report {
+namespace {
+
+/// A camera's figure stands out when it is beyond the median by this many robust standard
+/// deviations (1.4826 x median absolute deviation) and by this factor. Both, because a rig that is
+/// very even has a tiny deviation, and 90 cameras times three figures must not raise false alarms.
+constexpr double kOutlierSigmas = 6.0;
+constexpr double kOutlierFactor = 1.6;
+/// Fewer observations than this share of the median leave a pose weakly held.
+constexpr double kFewObservationsShare = 0.25;
+/// Below this share of registered cameras there are gaps in the body's coverage.
+constexpr double kUsableShare = 0.8;
+/// Keypoints are localised to well under a pixel; more means blur, a wrong lens or wrong matches.
+constexpr double kHighRms_px = 2.0;
+/// Names are listed up to here, then counted.
+constexpr size_t kNamesListed = 6;
+
+double Percentile(const std::vector<double>& sorted, double share) {
+  const double place = share * static_cast<double>(sorted.size() - 1);
+  const size_t below = static_cast<size_t>(place);
+  const size_t above = std::min(below + 1, sorted.size() - 1);
+  return sorted[below] + (place - static_cast<double>(below)) * (sorted[above] - sorted[below]);
+}
+
+void Summarize(Quantity& quantity) {
+  std::vector<double> sorted;
+  double largest = -1;
+  for (size_t i = 0; i < quantity.values.size(); ++i) {
+    if (!quantity.values[i]) continue;
+    sorted.push_back(*quantity.values[i]);
+    if (sorted.back() > largest) {
+      largest = sorted.back();
+      quantity.worst = i;
+    }
+  }
+  if (sorted.empty()) return;
+  std::sort(sorted.begin(), sorted.end());
+  for (const double value : sorted) quantity.mean += value / static_cast<double>(sorted.size());
+  quantity.median = Percentile(sorted, 0.5);
+  quantity.low = Percentile(sorted, 0.05);
+  quantity.high = Percentile(sorted, 0.95);
+  quantity.max = sorted.back();
+  quantity.decimals = DecimalsFor(quantity.median);
+}
+
+double RobustSigma(const Quantity& quantity) {
+  std::vector<double> deviations;
+  for (const auto& value : quantity.values) {
+    if (value) deviations.push_back(std::abs(*value - quantity.median));
+  }
+  if (deviations.empty()) return 0;
+  std::sort(deviations.begin(), deviations.end());
+  return 1.4826 * Percentile(deviations, 0.5);
+}
+
+using Getter = std::function<std::optional<double>(const CameraPose&)>;
+
+struct QuantityKind {
+  const char* key;
+  const char* label;
+  std::string unit;
+  bool graded;
+  Getter value;
+};
+
+std::vector<QuantityKind> QuantityKinds(bool metric) {
+  // Sigmas are kept in 1/1000 of the model's unit: millimetres when it is the metre.
+  const double sigma_scale = metric ? 1.0 : 1e-3;
+  return {
+      {"observations", "Observations", "", false,
+       [](const CameraPose& pose) { return static_cast<double>(pose.observations); }},
+      {"rms", "Residual rms", "px", true, [](const CameraPose& pose) { return pose.rms_px; }},
+      {"sigma-rotation", "σ rotation", "°", true,
+       [](const CameraPose& pose) -> std::optional<double> {
+         if (!pose.sigma) return std::nullopt;
+         return pose.sigma->rotation_deg;
+       }},
+      {"sigma-position", "σ position", metric ? "mm" : "units", true,
+       [sigma_scale](const CameraPose& pose) -> std::optional<double> {
+         if (!pose.sigma) return std::nullopt;
+         return pose.sigma->position_mm * sigma_scale;
+       }},
+      {"drift-rotation", "Turn vs calibration", "°", true,
+       [](const CameraPose& pose) -> std::optional<double> {
+         if (!pose.vs_calibration) return std::nullopt;
+         return pose.vs_calibration->rotation_deg;
+       }},
+      {"drift-position", "Shift vs calibration", "mm", true,
+       [](const CameraPose& pose) -> std::optional<double> {
+         if (!pose.vs_calibration) return std::nullopt;
+         return pose.vs_calibration->position_mm;
+       }},
+      {"focal", "Focal length", "px", false,
+       [](const CameraPose& pose) -> std::optional<double> {
+         if (pose.intrinsics.params.size() != CameraParamCount(pose.intrinsics.model)) {
+           return std::nullopt;
+         }
+         return pose.intrinsics.MeanFocal_px();
+       }},
+  };
+}
+
+std::vector<Quantity> BuildQuantities(const PoseSet& poses) {
+  std::vector<Quantity> quantities;
+  for (const QuantityKind& kind : QuantityKinds(poses.metric)) {
+    Quantity quantity{.key = kind.key,
+                      .label = kind.label,
+                      .unit = kind.unit,
+                      .values = {},
+                      .graded = kind.graded};
+    for (const CameraPose& pose : poses.cameras) {
+      std::optional<double> value = pose.registered ? kind.value(pose) : std::nullopt;
+      if (value && !std::isfinite(*value)) value.reset();
+      quantity.values.push_back(value);
+    }
+    if (!quantity.Known()) continue;
+    Summarize(quantity);
+    if (quantity.key == "observations") quantity.decimals = 0;
+    quantities.push_back(std::move(quantity));
+  }
+  return quantities;
+}
+
+void Raise(CameraFacts& facts, Level level, std::string note) {
+  facts.level = std::max(facts.level, level);
+  facts.notes.push_back(std::move(note));
+}
+
+void NoteOutliers(const Quantity& quantity, const std::string& what,
+                  std::vector<CameraFacts>& cameras) {
+  const double limit = std::max(quantity.median + kOutlierSigmas * RobustSigma(quantity),
+                                quantity.median * kOutlierFactor);
+  if (quantity.median <= 0) return;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const auto& value = quantity.values[i];
+    if (!value || *value <= limit) continue;
+    Raise(cameras[i], Level::kLook,
+          what + ": " + Fixed(*value / quantity.median, 1) + " × the median");
+  }
+}
+
+void NoteFewObservations(const Quantity& quantity, std::vector<CameraFacts>& cameras) {
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const auto& value = quantity.values[i];
+    if (!value || *value >= kFewObservationsShare * quantity.median) continue;
+    Raise(cameras[i], Level::kLook, "few observations");
+  }
+}
+
+std::string Displacement(const VsCalibration& drift) {
+  return Significant(drift.position_mm) + " mm and " + Significant(drift.rotation_deg) + "°";
+}
+
+std::string ReasonOf(const CameraPose& pose) {
+  return pose.reason.empty() ? "no reason given" : pose.reason;
+}
+
+std::vector<CameraFacts> BuildCameraFacts(const ReportInput& input, const Facts& facts) {
+  std::vector<CameraFacts> cameras(input.poses.cameras.size());
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const CameraPose& pose = input.poses.cameras[i];
+    if (!pose.registered) {
+      Raise(cameras[i], Level::kBad, "not registered: " + ReasonOf(pose));
+    } else if (pose.vs_calibration && pose.vs_calibration->moved) {
+      cameras[i].moved = true;
+      Raise(cameras[i], Level::kBad, "moved by " + Displacement(*pose.vs_calibration));
+    }
+    const std::string& status = input.set.frames[i].status;
+    if (status != "ok") Raise(cameras[i], Level::kLook, "frame: " + status);
+  }
+  if (const Quantity* q = facts.Find("rms")) NoteOutliers(*q, "high residual", cameras);
+  if (const Quantity* q = facts.Find("sigma-rotation")) NoteOutliers(*q, "weak rotation", cameras);
+  if (const Quantity* q = facts.Find("sigma-position")) NoteOutliers(*q, "weak position", cameras);
+  if (const Quantity* q = facts.Find("observations")) NoteFewObservations(*q, cameras);
+  return cameras;
+}
+
+std::string Listed(const std::vector<std::string>& names) {
+  std::string text;
+  for (size_t i = 0; i < names.size() && i < kNamesListed; ++i) {
+    text += (i == 0 ? "" : ", ") + names[i];
+  }
+  if (names.size() > kNamesListed) {
+    text += " and " + std::to_string(names.size() - kNamesListed) + " more";
+  }
+  return text;
+}
+
+std::vector<std::string> NamesWhere(const PoseSet& poses, const std::function<bool(size_t)>& pick) {
+  std::vector<std::string> names;
+  for (size_t i = 0; i < poses.cameras.size(); ++i) {
+    if (pick(i)) names.push_back(poses.cameras[i].camera);
+  }
+  return names;
+}
+
+std::string ShotHeadline(const PoseSet& poses) {
+  const PoseSummary& summary = poses.summary;
+  std::string text = std::to_string(summary.registered) + " of " + std::to_string(summary.of) +
+                     " cameras registered";
+  if (summary.folded) {
+    text += ", folded";
+  } else if (poses.aligned_to) {
+    text += ", not folded";
+  }
+  return text + (poses.metric ? "; scale metric" : "; scale arbitrary");
+}
+
+Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& cameras) {
+  const PoseSummary& summary = poses.summary;
+  Verdict verdict{Level::kGood, "Shot good", ShotHeadline(poses), {}};
+  const auto say = [&](Level level, const std::string& text) {
+    verdict.level = std::max(verdict.level, level);
+    verdict.details.push_back(text);
+  };
+  if (summary.folded) {
+    say(Level::kBad,
+        "The model is folded: look-alike sides of the subject were laid on one another. Do not "
+        "use these poses.");
+  }
+  if (summary.models > 1) {
+    say(Level::kLook, "The reconstruction broke into " + std::to_string(summary.models) +
+                          " pieces that could not be joined; the largest is given.");
+  }
+  if (summary.registered < summary.of) {
+    const bool usable =
+        static_cast<double>(summary.registered) >= kUsableShare * static_cast<double>(summary.of);
+    const auto missing = NamesWhere(poses, [&](size_t i) { return !poses.cameras[i].registered; });
+    std::string text = "Without a pose: " + Listed(missing);
+    const auto first = std::find_if(poses.cameras.begin(), poses.cameras.end(),
+                                    [](const CameraPose& pose) { return !pose.registered; });
+    if (missing.size() == 1) text += " (" + ReasonOf(*first) + ")";
+    say(usable ? Level::kLook : Level::kBad, text + ".");
+  }
+  if (summary.registered > 0 && summary.rms_px > kHighRms_px) {
+    say(Level::kLook, "The residual of " + Significant(summary.rms_px) + " px is high.");
+  }
+  const auto weak = NamesWhere(poses, [&](size_t i) { return cameras[i].level == Level::kLook; });
+  if (!weak.empty()) verdict.details.push_back("Worth a look: " + Listed(weak) + ".");
+  if (verdict.level == Level::kLook) verdict.mark = "Shot usable, look";
+  if (verdict.level == Level::kBad) verdict.mark = "Shot bad";
+  if (verdict.details.empty()) {
+    verdict.details.push_back("Nothing stands out in residuals, uncertainties or observations.");
+  }
+  return verdict;
+}
+
+Verdict BuildRigVerdict(const PoseSet& poses, const std::vector<CameraFacts>& cameras) {
+  const auto checked = NamesWhere(poses, [&](size_t i) {
+    return poses.cameras[i].registered && poses.cameras[i].vs_calibration.has_value();
+  });
+  if (checked.empty()) {
+    return {Level::kUnknown,
+            "Rig not checked",
+            "Not checked for moved cameras",
+            {"There is no calibration to compare with."}};
+  }
+  Verdict verdict{Level::kGood, "Rig in place", "No camera has moved", {}};
+  const auto moved = NamesWhere(poses, [&](size_t i) { return cameras[i].moved; });
+  if (!moved.empty()) {
+    verdict.level = Level::kBad;
+    verdict.mark = "Rig changed";
+    verdict.headline = moved.size() == 1 ? "Camera " + moved[0] + " has moved"
+                                         : std::to_string(moved.size()) + " cameras have moved";
+    for (size_t i = 0; i < poses.cameras.size(); ++i) {
+      if (!cameras[i].moved || verdict.details.size() == kNamesListed) continue;
+      verdict.details.push_back(poses.cameras[i].camera + " by " +
+                                Displacement(*poses.cameras[i].vs_calibration) + ".");
+    }
+    if (moved.size() > kNamesListed) verdict.details.push_back("The table names all of them.");
+  }
+  if (checked.size() < poses.cameras.size()) {
+    if (verdict.level == Level::kGood) {
+      verdict.level = Level::kLook;
+      verdict.mark = "Rig partly checked";
+      verdict.headline = "No camera seen to have moved";
+    }
+    verdict.details.push_back(std::to_string(checked.size()) + " of " +
+                              std::to_string(poses.cameras.size()) + " cameras could be checked.");
+  } else if (moved.empty()) {
+    verdict.details.push_back("All " + std::to_string(checked.size()) +
+                              " cameras stand where the calibration says.");
+  }
+  return verdict;
+}
+
+}  // namespace
+
+std::string_view LevelName(Level level) {
+  switch (level) {
+    case Level::kGood:
+      return "good";
+    case Level::kUnknown:
+      return "unknown";
+    case Level::kLook:
+      return "look";
+    case Level::kBad:
+      return "bad";
+  }
+  return "unknown";
+}
+
+bool Quantity::Known() const {
+  return std::any_of(values.begin(), values.end(), [](const auto& v) { return v.has_value(); });
+}
+
+const Quantity* Facts::Find(std::string_view key) const {
+  for (const Quantity& quantity : quantities) {
+    if (quantity.key == key) return &quantity;
+  }
+  return nullptr;
+}
+
+Facts BuildFacts(const ReportInput& input) {
+  Facts facts;
+  facts.quantities = BuildQuantities(input.poses);
+  facts.cameras = BuildCameraFacts(input, facts);
+  facts.shot = BuildShotVerdict(input.poses, facts.cameras);
+  facts.rig = BuildRigVerdict(input.poses, facts.cameras);
+  for (const CameraPose& pose : input.poses.cameras) {
+    if (pose.registered) facts.observations += pose.observations;
+    facts.has_sides = facts.has_sides || !pose.side.empty();
+  }
+  return facts;
+}
+
+}  // namespace rotunda::sfm::report

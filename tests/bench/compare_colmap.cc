@@ -1,0 +1,282 @@
+// Our reconstruction beside Debian's colmap on the same pictures with the same intrinsics, in one
+// run: time and peak memory stage by stage, registered images and pose errors, and the ratios.
+
+#include <sqlite3.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "sfm/colmap_io.h"
+#include "sfm/core/calibration.h"
+#include "sfm/core/evaluate.h"
+#include "sfm/core/file_io.h"
+#include "sfm/core/frame_set.h"
+#include "tests/support/process.h"
+#include "tests/support/strecha.h"
+
+namespace rotunda::bench {
+namespace {
+
+namespace fs = std::filesystem;
+using test::ProcessOutcome;
+using test::RunProcess;
+
+struct Cost {
+  double seconds = 0;
+  double peak_memory_mb = 0;
+};
+
+struct Outcome {
+  std::map<std::string, Cost> stages;  // "features", "matching", "reconstruction"
+  Evaluation evaluation;
+};
+
+/// A set of pictures with known intrinsics and truth.
+struct Scene {
+  std::string name;
+  fs::path pictures;     // plain folder for colmap
+  fs::path frameset;     // what rotunda is given
+  fs::path calibration;  // intrinsics for both
+  Calibration truth;
+};
+
+[[noreturn]] void Die(const std::string& what) {
+  std::fprintf(stderr, "compare_colmap: %s\n", what.c_str());
+  std::exit(1);
+}
+
+template <typename T>
+T OrDie(Result<T> result) {
+  if (!result.ok()) Die(result.error().ToString());
+  return std::move(result).value();
+}
+
+ProcessOutcome RunOrDie(const std::vector<std::string>& arguments) {
+  std::fprintf(stderr, "running %s %s ...\n", arguments[0].c_str(), arguments[1].c_str());
+  ProcessOutcome outcome = RunProcess(arguments);
+  if (outcome.exit_code != 0) {
+    Die(arguments[0] + " " + arguments[1] + " ended with " + std::to_string(outcome.exit_code) +
+        "\n" + outcome.output + outcome.errors);
+  }
+  return outcome;
+}
+
+void Add(Cost& to, double seconds, double peak_memory_mb) {
+  to.seconds += seconds;
+  to.peak_memory_mb = std::max(to.peak_memory_mb, peak_memory_mb);
+}
+
+/// Which of colmap's three programs does what our stage does.
+std::string ColmapStage(const std::string& stage) {
+  if (stage == "features") return "features";
+  if (stage == "matching" || stage == "two-view geometry") return "matching";
+  return "reconstruction";
+}
+
+Outcome RunRotunda(const Scene& scene, const fs::path& work) {
+  const fs::path out = work / (scene.name + "-rotunda");
+  const ProcessOutcome run =
+      RunOrDie({ROTUNDA_COMMAND, "reconstruct", scene.frameset, "--calibration", scene.calibration,
+                "--fix-intrinsics", "--out", out, "--json"});
+  Outcome outcome;
+  for (const auto& stage : nlohmann::json::parse(run.output)["stages"]) {
+    Add(outcome.stages[ColmapStage(stage["stage"])], stage["seconds"], stage["peak_memory_mb"]);
+  }
+  outcome.evaluation = OrDie(EvaluatePoses(OrDie(ReadPoseSet(out / "poses.json")), scene.truth));
+  return outcome;
+}
+
+void Execute(sqlite3* database, const std::string& sql) {
+  char* message = nullptr;
+  if (sqlite3_exec(database, sql.c_str(), nullptr, nullptr, &message) != SQLITE_OK) {
+    Die("database: " + std::string(message));
+  }
+}
+
+/// Gives every camera of colmap's database the calibrated intrinsics, marked as known.
+void WriteKnownIntrinsics(const fs::path& file, const FrameSet& set,
+                          const Calibration& calibration) {
+  sqlite3* database = nullptr;
+  if (sqlite3_open(file.c_str(), &database) != SQLITE_OK) Die("cannot open " + file.string());
+  for (const Frame& frame : set.frames) {
+    const CameraIntrinsics& intrinsics = calibration.Find(frame.camera)->intrinsics;
+    const std::string name = fs::path(frame.file).filename().string();
+    sqlite3_stmt* statement = nullptr;
+    sqlite3_prepare_v2(database,
+                       "UPDATE cameras SET model = ?, params = ?, prior_focal_length = 1 WHERE "
+                       "camera_id = (SELECT camera_id FROM images WHERE name = ?)",
+                       -1, &statement, nullptr);
+    sqlite3_bind_int(statement, 1, ColmapModelId(intrinsics.model));
+    sqlite3_bind_blob(statement, 2, intrinsics.params.data(),
+                      static_cast<int>(intrinsics.params.size() * sizeof(double)), SQLITE_STATIC);
+    sqlite3_bind_text(statement, 3, name.c_str(), -1, SQLITE_STATIC);
+    if (sqlite3_step(statement) != SQLITE_DONE || sqlite3_changes(database) != 1) {
+      Die("colmap's database has no camera for " + name);
+    }
+    sqlite3_finalize(statement);
+  }
+  Execute(database, "PRAGMA wal_checkpoint(TRUNCATE)");
+  sqlite3_close(database);
+}
+
+/// The largest of the models that colmap's mapper wrote, as poses.
+PoseSet ReadLargestModel(const fs::path& models, const Scene& scene) {
+  PoseSet best;
+  size_t most = 0;
+  for (const auto& entry : fs::directory_iterator(models)) {
+    const sfm::ColmapModel model = OrDie(sfm::ReadColmapModel(entry.path()));
+    const size_t registered = sfm::RegisteredCount(model.reconstruction);
+    if (registered <= most) continue;
+    most = registered;
+    best.cameras.clear();
+    for (const CalibratedCamera& camera : scene.truth.cameras) {
+      best.cameras.emplace_back().camera = camera.camera;
+    }
+    for (size_t i = 0; i < model.image_names.size(); ++i) {
+      const std::string camera = fs::path(model.image_names[i]).stem().string();
+      for (CameraPose& pose : best.cameras) {
+        if (pose.camera != camera || !model.reconstruction.cam_from_model[i]) continue;
+        pose.registered = true;
+        pose.cam_from_rig = *model.reconstruction.cam_from_model[i];
+      }
+    }
+  }
+  return best;
+}
+
+Outcome RunColmap(const Scene& scene, const fs::path& work) {
+  const fs::path database = work / (scene.name + ".db");
+  const fs::path models = work / (scene.name + "-colmap");
+  fs::create_directories(models);
+  Outcome outcome;
+  const auto step = [&](const std::string& stage, const std::vector<std::string>& arguments) {
+    const ProcessOutcome run = RunOrDie(arguments);
+    Add(outcome.stages[stage], run.seconds, run.peak_memory_mb);
+  };
+  step("features",
+       {"colmap", "feature_extractor", "--database_path", database, "--image_path", scene.pictures,
+        "--ImageReader.camera_model", "PINHOLE", "--SiftExtraction.use_gpu", "0"});
+  WriteKnownIntrinsics(database, OrDie(ReadFrameSet(scene.frameset)),
+                       OrDie(ReadCalibration(scene.calibration)));
+  step("matching", {"colmap", "exhaustive_matcher", "--database_path", database,
+                    "--SiftMatching.use_gpu", "0"});
+  step("reconstruction",
+       {"colmap", "mapper", "--database_path", database, "--image_path", scene.pictures,
+        "--output_path", models, "--Mapper.ba_refine_focal_length", "0",
+        "--Mapper.ba_refine_principal_point", "0", "--Mapper.ba_refine_extra_params", "0"});
+  outcome.evaluation = OrDie(EvaluatePoses(ReadLargestModel(models, scene), scene.truth));
+  return outcome;
+}
+
+void PrintRow(const char* name, const Cost& ours, const Cost& theirs) {
+  std::printf("  %-16s %9.2f s %7.0f MB   %9.2f s %7.0f MB   %6.3f\n", name, ours.seconds,
+              ours.peak_memory_mb, theirs.seconds, theirs.peak_memory_mb,
+              ours.seconds / theirs.seconds);
+}
+
+void PrintAccuracy(const char* name, const Evaluation& evaluation) {
+  std::printf(
+      "  %-8s %3zu of %-3zu   rotation mean %.4f max %.4f deg   position mean %.3f max %.3f mm%s\n",
+      name, evaluation.registered, evaluation.of, evaluation.mean_rotation_deg,
+      evaluation.max_rotation_deg, evaluation.mean_position_mm, evaluation.max_position_mm,
+      evaluation.folded ? "   FOLDED" : "");
+}
+
+void Compare(const Scene& scene, const fs::path& work) {
+  const Outcome ours = RunRotunda(scene, work);
+  const Outcome theirs = RunColmap(scene, work);
+  std::printf("\n%s\n  %-16s %22s   %22s   %6s\n", scene.name.c_str(), "stage", "rotunda",
+              "colmap 3.8, CPU", "ratio");
+  Cost our_total, their_total;
+  for (const char* stage : {"features", "matching", "reconstruction"}) {
+    const Cost& our = ours.stages.at(stage);
+    const Cost& their = theirs.stages.at(stage);
+    PrintRow(stage, our, their);
+    Add(our_total, our.seconds, our.peak_memory_mb);
+    Add(their_total, their.seconds, their.peak_memory_mb);
+  }
+  PrintRow("total", our_total, their_total);
+  PrintAccuracy("rotunda", ours.evaluation);
+  PrintAccuracy("colmap", theirs.evaluation);
+  std::printf("  error ratio rotunda / colmap: rotation %.3f, position %.3f\n",
+              ours.evaluation.mean_rotation_deg / theirs.evaluation.mean_rotation_deg,
+              ours.evaluation.mean_position_mm / theirs.evaluation.mean_position_mm);
+  std::fflush(stdout);
+}
+
+struct Arguments {
+  int cameras = 90;
+  double scale = 0.5;
+  std::string texture = "unique";
+  uint64_t seed = 1;
+  std::vector<std::string> scenes = {"simulated", "fountain-P11", "Herz-Jesus-P8"};
+};
+
+Scene SimulatedScene(const Arguments& arguments, const fs::path& work) {
+  Scene scene;
+  scene.name = "simulated";
+  scene.frameset = work / "simulated";
+  RunOrDie({ROTUNDA_COMMAND, "simulate", scene.frameset, "--cameras",
+            std::to_string(arguments.cameras), "--scale", std::to_string(arguments.scale),
+            "--texture", arguments.texture, "--seed", std::to_string(arguments.seed)});
+  scene.pictures = scene.frameset / "frames";
+  scene.calibration = scene.frameset / "calibration.json";
+  scene.truth = OrDie(ReadCalibration(scene.frameset / "truth.json"));
+  return scene;
+}
+
+Scene StrechaScene(const std::string& name, const fs::path& shared, const fs::path& work) {
+  const fs::path folder = shared / "data" / "strecha" / name;
+  Scene scene;
+  scene.name = name;
+  scene.frameset = folder / "images";
+  scene.pictures = scene.frameset;
+  scene.truth = test::ReadStrechaTruth(folder);
+  scene.calibration = work / (name + ".json");
+  if (const Status status = WriteCalibration(scene.truth, scene.calibration); !status.ok()) {
+    Die(status.error().ToString());
+  }
+  return scene;
+}
+
+int Main(int argc, char** argv) {
+  Arguments arguments;
+  CLI::App app(
+      "Time, memory and accuracy of rotunda beside Debian's colmap (CPU, default options, same "
+      "pictures, same fixed intrinsics). The simulated set at full size takes colmap hours: see "
+      "--scale.",
+      "compare_colmap");
+  app.add_option("--cameras", arguments.cameras, "Cameras of the simulated set")
+      ->capture_default_str();
+  app.add_option("--scale", arguments.scale, "Size of its pictures; 1 is 1200x1600")
+      ->capture_default_str();
+  app.add_option("--texture", arguments.texture, "Garment of its person")->capture_default_str();
+  app.add_option("--seed", arguments.seed, "Seed of its world")->capture_default_str();
+  app.add_option("--scenes", arguments.scenes,
+                 "Which to run: simulated, fountain-P11, Herz-Jesus-P8 (the last two need the "
+                 "folder of shared data, $ROTUNDA_SHARED)")
+      ->delimiter(',');
+  CLI11_PARSE(app, argc, argv);
+
+  const test::TemporaryFolder work;
+  for (const std::string& name : arguments.scenes) {
+    if (name == "simulated") {
+      Compare(SimulatedScene(arguments, work.path()), work.path());
+    } else if (const auto shared = test::SharedFolder()) {
+      Compare(StrechaScene(name, *shared, work.path()), work.path());
+    } else {
+      std::printf("\n%s: left out, there is no folder of shared data\n", name.c_str());
+    }
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace rotunda::bench
+
+int main(int argc, char** argv) { return rotunda::bench::Main(argc, argv); }

@@ -1,0 +1,173 @@
+#include "sfm/covariance.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "sfm/bundle_adjustment.h"
+#include "tests/support/reconstruction_near.h"
+#include "tests/support/synthetic_world.h"
+
+namespace rotunda::sfm {
+namespace {
+
+using testing::ErrorsOf;
+using testing::MakeSyntheticWorld;
+using testing::NormalRandom;
+using testing::SyntheticOptions;
+using testing::SyntheticWorld;
+using testing::TrueReconstruction;
+
+constexpr uint64_t kSeed = 11;
+constexpr double kNoise_px = 0.4;
+
+SyntheticOptions SmallRing() {
+  SyntheticOptions options;
+  options.columns = 10;
+  options.rows = 1;
+  options.points = 150;
+  options.noise_px = 0.0;
+  options.shared_lens = true;
+  options.model = CameraModel::kSimpleRadial;
+  return options;
+}
+
+std::vector<ImageId> AllImages(const SyntheticWorld& world) {
+  std::vector<ImageId> images;
+  for (size_t i = 0; i < world.cam_from_world.size(); ++i) images.push_back(ImageId(i));
+  return images;
+}
+
+SyntheticWorld WithNoise(SyntheticWorld world, uint64_t seed) {
+  NormalRandom random(seed);
+  for (ImageFeatures& image : world.features.images) {
+    for (Keypoint& keypoint : image.keypoints) {
+      keypoint.x_px += static_cast<float>(kNoise_px * random.Normal());
+      keypoint.y_px += static_cast<float>(kNoise_px * random.Normal());
+    }
+  }
+  return world;
+}
+
+/// Rotation (left tangent, camera axes) and centre of every camera after the Sim(3) fit, minus
+/// truth.
+std::vector<Eigen::Matrix<double, 6, 1>> PoseErrorsAfterFit(const Reconstruction& model,
+                                                            const SyntheticWorld& world) {
+  const Sim3 truth_from_model = ErrorsOf(model, world.cam_from_world).truth_from_model;
+  std::vector<Eigen::Matrix<double, 6, 1>> errors;
+  for (size_t i = 0; i < world.cam_from_world.size(); ++i) {
+    const Rigid3 pose = TransformPose(truth_from_model, *model.cam_from_model[i]);
+    const Eigen::AngleAxisd turn(pose.rotation * world.cam_from_world[i].rotation.conjugate());
+    Eigen::Matrix<double, 6, 1> error;
+    error << turn.angle() * turn.axis(),
+        pose.OriginInSource() - world.cam_from_world[i].OriginInSource();
+    errors.push_back(error);
+  }
+  return errors;
+}
+
+class CovarianceFixture : public ::testing::Test {
+ protected:
+  ThreadPool threads_{2};
+  RunContext context_{threads_};
+};
+using CovarianceTest = CovarianceFixture;
+class MonteCarloTest : public CovarianceFixture, public ::testing::WithParamInterface<bool> {};
+
+TEST_P(MonteCarloTest, IsTheSpreadOfAdjustmentsOfNoisyPictures) {
+  constexpr int kDraws = 200;
+  const bool refined = GetParam();
+  const SyntheticWorld world = MakeSyntheticWorld(SmallRing());
+  const Reconstruction truth = TrueReconstruction(world);
+  const auto predicted =
+      BuildPoseCovariances(truth, WithNoise(world, kSeed).features, refined, context_);
+  ASSERT_TRUE(predicted) << predicted.error().ToString();
+  const double expected_sigma0 =
+      kNoise_px / KeypointSigma_px(world.features.images[0].keypoints[0]);
+  BundleAdjustmentOptions adjustment;
+  adjustment.refine_intrinsics = refined;
+  adjustment.function_tolerance = 1e-9;
+  const size_t cameras = world.cam_from_world.size();
+  std::vector<double> mahalanobis(cameras, 0.0), rotation(cameras, 0.0), position(cameras, 0.0);
+  double focal = 0.0, sigma0 = 0.0;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const SyntheticWorld noisy = WithNoise(world, DeriveSeed(kSeed, draw));
+    Reconstruction model = truth;
+    ASSERT_TRUE(AdjustBundle(model, noisy.features, AllImages(world), adjustment, context_));
+    const auto errors = PoseErrorsAfterFit(model, world);
+    for (size_t i = 0; i < cameras; ++i) {
+      // The covariance scaled to the true noise: sigma0 is tested apart.
+      const PoseCovariance covariance =
+          *predicted->images[i] * std::pow(expected_sigma0 / predicted->sigma0, 2);
+      mahalanobis[i] += errors[i].dot(covariance.ldlt().solve(errors[i])) / kDraws;
+      rotation[i] +=
+          errors[i].head<3>().squaredNorm() / covariance.topLeftCorner<3, 3>().trace() / kDraws;
+      position[i] +=
+          errors[i].tail<3>().squaredNorm() / covariance.bottomRightCorner<3, 3>().trace() / kDraws;
+    }
+    focal +=
+        std::pow(model.intrinsics.lenses[0].params[0] - world.intrinsics.lenses[0].params[0], 2) /
+        kDraws;
+    if (draw < 10) {
+      sigma0 += BuildPoseCovariances(model, noisy.features, refined, context_)->sigma0 / 10;
+    }
+  }
+  EXPECT_NEAR(sigma0, expected_sigma0, 0.03 * expected_sigma0) << "seed " << kSeed;
+  for (size_t i = 0; i < cameras; ++i) {
+    // Chi-square of 6 * 200 degrees of freedom: relative standard deviation sqrt(2 / 1200) = 0.041;
+    // of a trace ratio at most sqrt(2 / 200) = 0.1. Four of them, over ten cameras.
+    EXPECT_NEAR(mahalanobis[i] / 6.0, 1.0, 4 * 0.041) << "camera " << i << " seed " << kSeed;
+    EXPECT_NEAR(rotation[i], 1.0, 0.4) << "camera " << i;
+    EXPECT_NEAR(position[i], 1.0, 0.4) << "camera " << i;
+  }
+  ASSERT_EQ(predicted->focal_sigma_px[0].has_value(), refined);
+  if (!refined) return;
+  const double predicted_focal =
+      *predicted->focal_sigma_px[0] * expected_sigma0 / predicted->sigma0;
+  EXPECT_NEAR(focal / (predicted_focal * predicted_focal), 1.0, 0.4);
+}
+
+INSTANTIATE_TEST_SUITE_P(Lenses, MonteCarloTest, ::testing::Values(false, true),
+                         [](const auto& info) { return info.param ? "Refined" : "Fixed"; });
+
+TEST_F(CovarianceTest, DoesNotDependOnTheFrameOfTheModel) {
+  const SyntheticWorld world = WithNoise(MakeSyntheticWorld(SmallRing()), kSeed);
+  const Reconstruction truth = TrueReconstruction(world);
+  const Sim3 to_other = {
+      3.0, Eigen::Quaterniond(Eigen::AngleAxisd(1.0, Eigen::Vector3d(1, 2, 3).normalized())),
+      Eigen::Vector3d(5, -2, 8)};
+  const auto here = BuildPoseCovariances(truth, world.features, false, context_);
+  const auto there =
+      BuildPoseCovariances(Transformed(truth, to_other), world.features, false, context_);
+  ASSERT_TRUE(here && there);
+  const Eigen::Matrix3d turn = to_other.rotation.toRotationMatrix();
+  for (size_t i = 0; i < here->images.size(); ++i) {
+    const PoseCovariance& a = *here->images[i];
+    const PoseCovariance& b = *there->images[i];
+    const Eigen::Matrix3d rotation = a.topLeftCorner<3, 3>();
+    const Eigen::Matrix3d center = 9.0 * turn * a.bottomRightCorner<3, 3>() * turn.transpose();
+    EXPECT_LT((b.topLeftCorner<3, 3>() - rotation).norm(), 1e-6 * rotation.norm());
+    EXPECT_LT((b.bottomRightCorner<3, 3>() - center).norm(), 1e-6 * center.norm());
+  }
+}
+
+TEST_F(CovarianceTest, SigmasAreRootsOfTheTraces) {
+  PoseCovariance covariance = PoseCovariance::Zero();
+  covariance.diagonal() << 1e-8, 2e-8, 6e-8, 1e-6, 1e-6, 2e-6;
+  const PoseSigma sigma = SigmaOf(covariance);
+  EXPECT_NEAR(sigma.rotation_deg, DegFromRad(3e-4), 1e-12);
+  EXPECT_NEAR(sigma.position_mm, 2.0, 1e-12);
+}
+
+TEST_F(CovarianceTest, NeedsThreeImages) {
+  const SyntheticWorld world = MakeSyntheticWorld(SmallRing());
+  Reconstruction model = TrueReconstruction(world);
+  for (size_t i = 2; i < model.cam_from_model.size(); ++i) model.cam_from_model[i].reset();
+  const auto refused = BuildPoseCovariances(model, world.features, false, context_);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
+}
+
+}  // namespace
+}  // namespace rotunda::sfm

@@ -1,0 +1,117 @@
+#include "sfm/rig_alignment.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+namespace rotunda::sfm {
+namespace {
+
+constexpr size_t kCameras = 30;
+constexpr uint64_t kSeed = 11;
+constexpr double kNoise_m = 0.0005;
+constexpr double kNoise_rad = 0.0002;
+
+struct Problem {
+  FrameSet set;
+  Calibration calibration;
+  Reconstruction reconstruction;  // the calibration's cameras, noisy, in another frame
+  PoseCovariances covariances;
+};
+
+double Noise(std::mt19937_64& random, double sigma) {
+  return std::normal_distribution<double>(0.0, sigma)(random);
+}
+
+Eigen::Vector3d NoiseVector(std::mt19937_64& random, double sigma) {
+  return {Noise(random, sigma), Noise(random, sigma), Noise(random, sigma)};
+}
+
+const Sim3 kModelFromRig = {
+    0.37, Eigen::Quaterniond(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized())),
+    Eigen::Vector3d(4, -5, 6)};
+
+Problem MakeProblem() {
+  std::mt19937_64 random(kSeed);
+  Problem problem;
+  for (size_t i = 0; i < kCameras; ++i) {
+    const double azimuth_rad = 2 * kPi * i / kCameras;
+    CalibratedCamera camera;
+    camera.camera = "c" + std::to_string(100 + i);
+    camera.intrinsics = DefaultIntrinsics(600, 800, 900);
+    camera.cam_from_rig.rotation =
+        Eigen::Quaterniond(Eigen::AngleAxisd(azimuth_rad, Eigen::Vector3d::UnitZ()));
+    const Eigen::Vector3d center_m(1.7 * std::cos(azimuth_rad), 1.7 * std::sin(azimuth_rad),
+                                   0.3 * (i % 6));
+    camera.cam_from_rig.translation = -(camera.cam_from_rig.rotation * center_m);
+    problem.calibration.cameras.push_back(camera);
+    problem.set.frames.emplace_back().camera = camera.camera;
+
+    Rigid3 noisy = camera.cam_from_rig;
+    const Eigen::Vector3d turn = NoiseVector(random, kNoise_rad);
+    noisy.rotation =
+        noisy.rotation * Eigen::Quaterniond(Eigen::AngleAxisd(turn.norm(), turn.normalized()));
+    noisy.translation = -(noisy.rotation * (center_m + NoiseVector(random, kNoise_m)));
+    problem.reconstruction.cam_from_model.push_back(TransformPose(kModelFromRig, noisy));
+    PoseCovariance covariance = PoseCovariance::Identity() * kNoise_rad * kNoise_rad;
+    covariance.bottomRightCorner<3, 3>() =
+        Eigen::Matrix3d::Identity() * std::pow(kNoise_m * kModelFromRig.scale, 2);
+    problem.covariances.images.push_back(covariance);
+  }
+  problem.calibration.id = "test";
+  return problem;
+}
+
+TEST(RigAlignment, BringsTheModelIntoTheRigFrame) {
+  const Problem problem = MakeProblem();
+  const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
+                                          problem.covariances, kSeed);
+  ASSERT_TRUE(aligned.ok()) << aligned.error().ToString();
+  EXPECT_NEAR(aligned->rig_from_model.scale, 1 / kModelFromRig.scale, 0.001 / kModelFromRig.scale);
+  for (const auto& difference : aligned->vs_calibration) {
+    ASSERT_TRUE(difference.has_value());
+    EXPECT_LT(difference->position_mm, 5e3 * kNoise_m);
+    EXPECT_LT(difference->rotation_deg, DegFromRad(5 * kNoise_rad) + 0.02);
+    EXPECT_FALSE(difference->moved);
+  }
+}
+
+TEST(RigAlignment, NamesMovedCamerasAndNoOther) {
+  Problem problem = MakeProblem();
+  Rigid3& shifted = *problem.reconstruction.cam_from_model[4];
+  shifted.translation += Eigen::Vector3d(0.020 * kModelFromRig.scale, 0, 0);
+  Rigid3& turned = *problem.reconstruction.cam_from_model[9];
+  const Eigen::Vector3d center = turned.OriginInSource();
+  turned.rotation =
+      Eigen::Quaterniond(Eigen::AngleAxisd(RadFromDeg(0.5), Eigen::Vector3d::UnitY())) *
+      turned.rotation;
+  turned.translation = -(turned.rotation * center);
+  const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
+                                          problem.covariances, kSeed);
+  ASSERT_TRUE(aligned.ok());
+  for (size_t i = 0; i < kCameras; ++i) {
+    EXPECT_EQ(aligned->vs_calibration[i]->moved, i == 4 || i == 9) << i;
+  }
+  EXPECT_NEAR(aligned->vs_calibration[4]->position_mm, 20.0, 5e3 * kNoise_m);
+  EXPECT_NEAR(aligned->vs_calibration[9]->rotation_deg, 0.5, DegFromRad(5 * kNoise_rad) + 0.02);
+}
+
+TEST(RigAlignment, CovariancesScaleAndTurnWithTheFrame) {
+  const Problem problem = MakeProblem();
+  const PoseCovariances metric = Transformed(problem.covariances, kModelFromRig.Inverse());
+  const PoseSigma sigma = SigmaOf(*metric.images[0]);
+  EXPECT_NEAR(sigma.position_mm, 1e3 * kNoise_m * std::sqrt(3.0), 1e-9);
+  EXPECT_NEAR(sigma.rotation_deg, DegFromRad(kNoise_rad * std::sqrt(3.0)), 1e-9);
+}
+
+TEST(RigAlignment, TooFewCamerasIsAnError) {
+  Problem problem = MakeProblem();
+  for (size_t i = 2; i < kCameras; ++i) problem.reconstruction.cam_from_model[i].reset();
+  EXPECT_FALSE(AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
+                                  problem.covariances, kSeed)
+                   .ok());
+}
+
+}  // namespace
+}  // namespace rotunda::sfm

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace rotunda::test {
+
+/// A finished program.
+struct ProcessOutcome {
+  int exit_code = -1;  // 128 + signal when it was ended by one
+  std::string output;  // standard output
+  std::string errors;  // standard error
+  double seconds = 0;
+  double peak_memory_mb = 0;
+};
+
+/// Runs `arguments` (the program first, found on PATH) and waits. `interrupt_after_s` > 0 sends
+/// SIGINT after that time.
+ProcessOutcome RunProcess(const std::vector<std::string>& arguments, double interrupt_after_s = 0);
+
+/// A folder under the system's temporary folder that is removed in the end.
+class TemporaryFolder {
+ public:
+  TemporaryFolder();
+  ~TemporaryFolder();
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  const std::filesystem::path& path() const { return path_; }
+  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+}  // namespace rotunda::test

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "sfm/reconstruction.h"
+
+namespace rotunda::testing {
+
+/// Errors of the registered cameras after the least-squares Sim(3) of their centres to the truth.
+struct PoseErrors {
+  std::vector<ImageId> images;
+  std::vector<double> rotation_rad;
+  std::vector<double> position;  // the truth's unit
+  double max_rotation_rad = 0;
+  double max_position = 0;
+  Sim3 truth_from_model;
+};
+PoseErrors ErrorsOf(const sfm::Reconstruction& reconstruction,
+                    const std::vector<Rigid3>& cam_from_truth);
+
+/// What is wrong with the reconstruction; empty when every camera is within the limits.
+std::string NotNear(const sfm::Reconstruction& reconstruction,
+                    const std::vector<Rigid3>& cam_from_truth, double max_rotation_rad,
+                    double max_position);
+
+}  // namespace rotunda::testing
