@@ -17,7 +17,7 @@ constexpr double kMaxFocalRatio = 5.0;
 /// Reduced camera systems of more images than this are factorised as sparse matrices.
 constexpr size_t kMaxDenseImages = 150;
 /// Stiffness of the scale gauge; at the minimum its residual is zero, whatever it is.
-constexpr double kGaugeWeight = 100.0;
+constexpr double kGaugeWeight = 1e4;
 
 /// A pose as the solver moves it: rotation vector w on the left of `base`, and the camera centre.
 /// x_in_cam = exp(w) base (x_in_model - center).
@@ -174,6 +174,7 @@ class Adjustment {
     ceres::Problem::Options problem_options;
     problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     problem_options.disable_all_safety_checks = true;
     problem_options.evaluation_callback = &cache_;
     problem_ = std::make_unique<ceres::Problem>(problem_options);

@@ -275,6 +275,10 @@ Result<ColmapEncoding> FindEncoding(const fs::path& folder) {
 
 }  // namespace
 
+Result<ColmapModel> ModelOfRecords(const ColmapRecords& records, const std::string& ending) {
+  return ModelBuilder(records, ending).Build();
+}
+
 Status WriteColmapModel(const Reconstruction& reconstruction, const Features& features,
                         const FrameSet& set, const fs::path& folder, ColmapEncoding encoding) {
   ROTUNDA_ASSIGN_OR_RETURN(const ColmapRecords records, RecordsOf(reconstruction, features, set));
@@ -303,7 +307,7 @@ Result<ColmapModel> ReadColmapModel(const fs::path& folder) {
   const Result<ColmapRecords> records =
       encoding == ColmapEncoding::kBinary ? DecodeColmapBinary(files) : DecodeColmapText(files);
   if (!records) return records.error().In(folder.string());
-  Result<ColmapModel> model = ModelBuilder(*records, ending).Build();
+  Result<ColmapModel> model = ModelOfRecords(*records, ending);
   if (!model) return model.error().In(folder.string());
   return model;
 }

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm/colmap_io.h"
 #include "sfm/core/camera.h"
 #include "sfm/core/result.h"
 
@@ -70,5 +71,8 @@ Result<ColmapFiles> EncodeColmapText(const ColmapRecords& records);
 /// of range. References between records are not looked at.
 Result<ColmapRecords> DecodeColmapBinary(const ColmapFiles& files);
 Result<ColmapRecords> DecodeColmapText(const ColmapFiles& files);
+
+/// Checks the references and turns the records into a model; errors name the files with `ending`.
+Result<ColmapModel> ModelOfRecords(const ColmapRecords& records, const std::string& ending);
 
 }  // namespace rotunda::sfm

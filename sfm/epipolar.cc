@@ -113,6 +113,37 @@ std::array<Rigid3, 4> PosesFromEssential(const Eigen::Matrix3d& essential) {
   return {{{a, t}, {a, -t}, {b, t}, {b, -t}}};
 }
 
+std::vector<Rigid3> PosesFromHomography(const Eigen::Matrix3d& homography) {
+  constexpr double kRotation = 1e-9;  // relative difference of the outer singular values
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(homography.transpose() * homography);
+  // The middle singular value of R + t n^T / d is one, and its determinant is positive when the
+  // cameras are on one side of the plane.
+  const double middle = eigen.eigenvalues()[1];
+  if (!(middle > 0)) return {};
+  const double sign = homography.determinant() < 0 ? -1.0 : 1.0;
+  const Eigen::Matrix3d h = sign / std::sqrt(middle) * homography;
+  const double large = eigen.eigenvalues()[2] / middle, small = eigen.eigenvalues()[0] / middle;
+  if (!(large - small > kRotation)) return {};
+  const Eigen::Vector3d v1 = eigen.eigenvectors().col(2), v2 = eigen.eigenvectors().col(1),
+                        v3 = eigen.eigenvectors().col(0);
+  const Eigen::Vector3d a = std::sqrt(std::max(0.0, 1 - small)) * v1;
+  const Eigen::Vector3d b = std::sqrt(std::max(0.0, large - 1)) * v3;
+  std::vector<Rigid3> poses;
+  for (double side : {1.0, -1.0}) {
+    const Eigen::Vector3d u = (a + side * b) / std::sqrt(large - small);
+    const Eigen::Vector3d normal = v2.cross(u);
+    Eigen::Matrix3d from, to;
+    from << v2, u, normal;
+    to << h * v2, h * u, (h * v2).cross(h * u);
+    const Eigen::Matrix3d rotation = to * from.transpose();
+    const Eigen::Vector3d t = ((h - rotation) * normal).normalized();
+    const Eigen::Quaterniond turn = Eigen::Quaterniond(rotation).normalized();
+    poses.push_back({turn, t});
+    poses.push_back({turn, -t});
+  }
+  return poses;
+}
+
 double SquaredSampson(const Eigen::Matrix3d& m, const Correspondence& c) {
   const double x1 = c.first.x(), y1 = c.first.y(), x2 = c.second.x(), y2 = c.second.y();
   const double a0 = m(0, 0) * x1 + m(0, 1) * y1 + m(0, 2);
@@ -167,21 +198,21 @@ double RayAngle_rad(const Rigid3& second_from_first, const Correspondence& c) {
   return std::atan2(a.cross(b).norm(), a.dot(b));
 }
 
+size_t CountInFront(const Rigid3& second_from_first, std::span<const Correspondence> data,
+                    double max_error) {
+  return static_cast<size_t>(std::count_if(data.begin(), data.end(), [&](const Correspondence& c) {
+    return InFront(second_from_first, c, max_error);
+  }));
+}
+
 Rigid3 PoseInFront(const Eigen::Matrix3d& essential, std::span<const Correspondence> data,
                    double max_error) {
   const std::array<Rigid3, 4> poses = PosesFromEssential(essential);
-  size_t best = 0, best_count = 0;
-  for (size_t i = 0; i < poses.size(); ++i) {
-    const auto count =
-        static_cast<size_t>(std::count_if(data.begin(), data.end(), [&](const Correspondence& c) {
-          return InFront(poses[i], c, max_error);
-        }));
-    if (count > best_count) {
-      best = i;
-      best_count = count;
-    }
-  }
-  return poses[best];
+  std::array<size_t, 4> counts;
+  std::transform(poses.begin(), poses.end(), counts.begin(),
+                 [&](const Rigid3& pose) { return CountInFront(pose, data, max_error); });
+  return poses[static_cast<size_t>(std::max_element(counts.begin(), counts.end()) -
+                                   counts.begin())];
 }
 
 Rigid3 RefinePose(const Rigid3& second_from_first, std::span<const Correspondence> data,

@@ -18,6 +18,11 @@ Eigen::Matrix3d EssentialFromPose(const Rigid3& second_from_first);
 /// fundamental one (Hartley & Zisserman, 9.6.2).
 std::array<Rigid3, 4> PosesFromEssential(const Eigen::Matrix3d& essential);
 
+/// The four poses (|t| = 1) that let a plane map the first camera's normalised coordinates to the
+/// second's by `homography`; for two of them the plane is behind the cameras (Ma, Soatto, Kosecka &
+/// Sastry, "An Invitation to 3-D Vision", 5.3.3). Empty when it is a rotation, but for rounding.
+std::vector<Rigid3> PosesFromHomography(const Eigen::Matrix3d& homography);
+
 /// Squared Sampson distance to the epipolar constraint second^T matrix first = 0 (Hartley &
 /// Zisserman, eq. 11.9), in the unit of the coordinates.
 double SquaredSampson(const Eigen::Matrix3d& matrix, const Correspondence& c);
@@ -36,6 +41,9 @@ bool InFront(const Rigid3& second_from_first, const Correspondence& c, double ma
 
 /// Angle under which the two cameras see the point, from the rays' directions.
 double RayAngle_rad(const Rigid3& second_from_first, const Correspondence& c);
+
+size_t CountInFront(const Rigid3& second_from_first, std::span<const Correspondence> data,
+                    double max_error);
 
 /// Of the four poses of `essential`, the one with most of `data` in front (ties: the first).
 Rigid3 PoseInFront(const Eigen::Matrix3d& essential, std::span<const Correspondence> data,

@@ -179,15 +179,25 @@ bool Enough(size_t inliers, const PairData& pair, const TwoViewOptions& options)
              options.min_inlier_ratio * static_cast<double>(pair.data.size());
 }
 
+std::vector<bool> TransferInliers(const Eigen::Matrix3d& homography,
+                                  std::span<const Correspondence> data, double max_error) {
+  std::vector<bool> inliers(data.size());
+  for (size_t i = 0; i < data.size(); ++i) {
+    inliers[i] = SquaredTransfer(homography, data[i]) < max_error * max_error;
+  }
+  return inliers;
+}
+
 /// Rotation that takes the first camera's rays to the second's (Kabsch), on the data below
-/// `max_error`, until these stay the same; starts from all.
+/// `max_error`, until these stay the same; starts from those that agree with `homography`.
 struct RotationFit {
   Eigen::Quaterniond second_from_first;
   size_t inliers = 0;
 };
-RotationFit FitRotation(std::span<const Correspondence> data, double max_error) {
+RotationFit FitRotation(const Eigen::Matrix3d& homography, std::span<const Correspondence> data,
+                        double max_error) {
   constexpr int kMaxRounds = 5;
-  std::vector<bool> used(data.size(), true);
+  std::vector<bool> used = TransferInliers(homography, data, max_error);
   RotationFit fit;
   for (int round = 0; round < kMaxRounds; ++round) {
     Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
@@ -201,10 +211,7 @@ RotationFit FitRotation(std::span<const Correspondence> data, double max_error) 
     const Eigen::Matrix3d u = svd.matrixU(), v = svd.matrixV();
     const Eigen::Vector3d signs(1, 1, (u * v.transpose()).determinant() < 0 ? -1 : 1);
     const Eigen::Matrix3d rotation = u * signs.asDiagonal() * v.transpose();
-    std::vector<bool> inliers(data.size());
-    for (size_t i = 0; i < data.size(); ++i) {
-      inliers[i] = SquaredTransfer(rotation, data[i]) < max_error * max_error;
-    }
+    const std::vector<bool> inliers = TransferInliers(rotation, data, max_error);
     fit = {Eigen::Quaterniond(rotation),
            static_cast<size_t>(std::count(inliers.begin(), inliers.end(), true))};
     if (inliers == used) break;
@@ -213,76 +220,125 @@ RotationFit FitRotation(std::span<const Correspondence> data, double max_error) 
   return fit;
 }
 
-/// Pose over the inliers of an epipolar matrix; inliers are collected anew when the pose is the
-/// model (`calibrated`), else the fundamental matrix's stay. Those behind a camera go.
-void SetPose(const PairData& pair, const EpipolarModel& model, bool calibrated, TwoView& view) {
-  std::vector<size_t> inliers = model.inliers;
-  Rigid3 pose = PoseInFront(model.matrix, Subset(pair.data, inliers), pair.max_error);
-  for (int round = 0; round < 2; ++round) {
-    pose = RefinePose(pose, Subset(pair.data, inliers), kFinalIterations);
-    if (calibrated) {
-      inliers = EpipolarInliers(EssentialFromPose(pose), pair.data, pair.max_error);
-    }
-  }
-  std::erase_if(inliers, [&](size_t i) { return !InFront(pose, pair.data[i], pair.max_error); });
-  view.second_from_first = pose;
-  view.inliers.clear();
-  std::vector<double> angles_rad;
-  for (size_t i : inliers) {
-    view.inliers.push_back(pair.matches[i]);
-    angles_rad.push_back(RayAngle_rad(pose, pair.data[i]));
-  }
-  if (angles_rad.empty()) return;
-  const auto middle = angles_rad.begin() + static_cast<std::ptrdiff_t>(angles_rad.size() / 2);
-  std::nth_element(angles_rad.begin(), middle, angles_rad.end());
-  view.median_angle_rad = *middle;
-}
-
-/// Whether a homography explains (nearly) all that the epipolar matrix does, and if so whether
-/// rotation alone does: then there is no baseline to speak of.
-void SetDegeneracy(const PairData& pair, const EpipolarModel& model, const TwoViewOptions& options,
-                   uint64_t seed, TwoView& view) {
-  const Data inliers = Subset(pair.data, model.inliers);
-  const double wanted = options.max_homography_ratio * static_cast<double>(inliers.size());
+/// Whether a homography explains (nearly) all that the epipolar matrix does.
+std::optional<Eigen::Matrix3d> ExplainingHomography(const Data& inliers, double max_error,
+                                                    const TwoViewOptions& options, uint64_t seed) {
   RansacOptions ransac;
   ransac.confidence = options.confidence;
   ransac.max_iterations = options.max_iterations;
   ransac.min_inlier_ratio = options.max_homography_ratio;
   ransac.seed = seed;
-  const auto homography = LoRansac(HomographyEstimator{inliers, pair.max_error}, ransac);
-  if (!homography || static_cast<double>(homography->score.inliers) <= wanted) return;
-  view.kind = TwoViewKind::kPlanar;
-  const RotationFit rotation = FitRotation(inliers, pair.max_error);
-  if (static_cast<double>(rotation.inliers) <= wanted) return;
-  view.kind = TwoViewKind::kPanoramic;
-  view.second_from_first = {rotation.second_from_first, Eigen::Vector3d::Zero()};
-  view.median_angle_rad = 0;
+  const auto result = LoRansac(HomographyEstimator{inliers, max_error}, ransac);
+  const double wanted = options.max_homography_ratio * static_cast<double>(inliers.size());
+  if (!result || static_cast<double>(result->score.inliers) <= wanted) return std::nullopt;
+  return result->model;
+}
+
+/// A pose refined over the data that agree with it, and these.
+struct PoseModel {
+  Rigid3 second_from_first;
+  std::vector<size_t> inliers;  // in front of both cameras
+};
+
+/// When the pose is the model (`calibrated`) its inliers are collected anew, else those of the
+/// fundamental matrix stay. Those behind a camera go.
+PoseModel RefinedPose(const PairData& pair, const EpipolarModel& model, bool calibrated,
+                      const Rigid3& start) {
+  PoseModel refined{start, model.inliers};
+  for (int round = 0; round < 2; ++round) {
+    refined.second_from_first =
+        RefinePose(refined.second_from_first, Subset(pair.data, refined.inliers), kFinalIterations);
+    if (!calibrated) continue;
+    refined.inliers =
+        EpipolarInliers(EssentialFromPose(refined.second_from_first), pair.data, pair.max_error);
+  }
+  std::erase_if(refined.inliers, [&](size_t i) {
+    return !InFront(refined.second_from_first, pair.data[i], pair.max_error);
+  });
+  return refined;
+}
+
+/// The pose of the epipolar matrix or, of a plane, of its homography: five-point solutions are
+/// twofold on a plane, and the wrong one has many points behind a camera. Most inliers win.
+PoseModel BestPose(const PairData& pair, const EpipolarModel& model, bool calibrated,
+                   const std::optional<Eigen::Matrix3d>& homography) {
+  const Data inliers = Subset(pair.data, model.inliers);
+  std::vector<Rigid3> starts = {PoseInFront(model.matrix, inliers, pair.max_error)};
+  if (homography) {
+    for (const Rigid3& pose : PosesFromHomography(*homography)) starts.push_back(pose);
+  }
+  PoseModel best;
+  for (const Rigid3& start : starts) {
+    PoseModel refined = RefinedPose(pair, model, calibrated, start);
+    if (refined.inliers.size() > best.inliers.size()) best = std::move(refined);
+  }
+  return best;
+}
+
+double MedianAngle_rad(const PairData& pair, const PoseModel& pose) {
+  std::vector<double> angles_rad;
+  for (size_t i : pose.inliers) {
+    angles_rad.push_back(RayAngle_rad(pose.second_from_first, pair.data[i]));
+  }
+  const auto middle = angles_rad.begin() + static_cast<std::ptrdiff_t>(angles_rad.size() / 2);
+  std::nth_element(angles_rad.begin(), middle, angles_rad.end());
+  return *middle;
+}
+
+/// The epipolar matrix of a pair and whether it is an essential one.
+struct Verified {
+  EpipolarModel model;
+  bool calibrated = false;
+};
+std::optional<Verified> EstimateEpipolar(const PairData& pair, bool intrinsics_known,
+                                         const TwoViewOptions& options, uint64_t seed) {
+  const auto enough = [&](const std::optional<EpipolarModel>& model) {
+    return model && Enough(model->inliers.size(), pair, options);
+  };
+  if (intrinsics_known) {
+    auto essential = Estimate<EssentialEstimator>(pair, options, DeriveSeed(seed, 0));
+    if (!enough(essential)) return std::nullopt;
+    return Verified{*std::move(essential), true};
+  }
+  auto fundamental = Estimate<FundamentalEstimator>(pair, options, DeriveSeed(seed, 1));
+  if (!enough(fundamental)) return std::nullopt;
+  auto essential = Estimate<EssentialEstimator>(pair, options, DeriveSeed(seed, 0));
+  const double wanted = kMinEssentialShare * static_cast<double>(fundamental->inliers.size());
+  if (essential && static_cast<double>(essential->inliers.size()) > wanted) {
+    return Verified{*std::move(essential), true};
+  }
+  return Verified{*std::move(fundamental), false};
 }
 
 std::optional<TwoView> VerifyPair(const PairMatches& matches, const PairData& pair,
                                   bool intrinsics_known, const TwoViewOptions& options,
                                   uint64_t seed) {
   if (pair.data.size() < options.min_inliers) return std::nullopt;
+  const auto verified = EstimateEpipolar(pair, intrinsics_known, options, seed);
+  if (!verified) return std::nullopt;
+  const EpipolarModel& model = verified->model;
+  const Data inliers = Subset(pair.data, model.inliers);
+  const auto homography =
+      ExplainingHomography(inliers, pair.max_error, options, DeriveSeed(seed, 2));
+  const PoseModel pose = BestPose(pair, model, verified->calibrated, homography);
+  if (!Enough(pose.inliers.size(), pair, options)) return std::nullopt;
+
   TwoView view;
   view.pair = matches.pair;
-  std::optional<EpipolarModel> model;
-  if (intrinsics_known) {
-    model = Estimate<EssentialEstimator>(pair, options, DeriveSeed(seed, 0));
-    if (!model || !Enough(model->inliers.size(), pair, options)) return std::nullopt;
-  } else {
-    view.kind = TwoViewKind::kUncalibrated;
-    model = Estimate<FundamentalEstimator>(pair, options, DeriveSeed(seed, 1));
-    if (!model || !Enough(model->inliers.size(), pair, options)) return std::nullopt;
-    const auto essential = Estimate<EssentialEstimator>(pair, options, DeriveSeed(seed, 0));
-    if (essential && static_cast<double>(essential->inliers.size()) >
-                         kMinEssentialShare * static_cast<double>(model->inliers.size())) {
-      model = essential;
-      view.kind = TwoViewKind::kCalibrated;
-    }
+  view.kind = homography             ? TwoViewKind::kPlanar
+              : verified->calibrated ? TwoViewKind::kCalibrated
+                                     : TwoViewKind::kUncalibrated;
+  view.second_from_first = pose.second_from_first;
+  view.median_angle_rad = MedianAngle_rad(pair, pose);
+  for (size_t i : pose.inliers) view.inliers.push_back(pair.matches[i]);
+  if (!homography) return view;
+  const RotationFit rotation = FitRotation(*homography, inliers, pair.max_error);
+  if (static_cast<double>(rotation.inliers) >
+      options.max_homography_ratio * static_cast<double>(inliers.size())) {
+    view.kind = TwoViewKind::kPanoramic;
+    view.second_from_first = {rotation.second_from_first, Eigen::Vector3d::Zero()};
+    view.median_angle_rad = 0;
   }
-  SetPose(pair, *model, view.kind == TwoViewKind::kCalibrated, view);
-  if (!Enough(view.inliers.size(), pair, options)) return std::nullopt;
-  SetDegeneracy(pair, *model, options, DeriveSeed(seed, 2), view);
   return view;
 }
 

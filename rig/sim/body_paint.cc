@@ -113,7 +113,7 @@ class BodyPaint : public Paint {
     if (h.x() < 0.02f) return colour;
     const float blush = std::exp(
         -(std::pow((y - 0.045f) / 0.02f, 2.0f) + std::pow((h.z() - 1.595f) / 0.02f, 2.0f)));
-    colour = Mix(colour, colour.cwiseProduct(Vector3f(1.08f, 0.85f, 0.82f)), blush);
+    colour = Mix(colour, colour.cwiseProduct(Vector3f(1.05f, 0.90f, 0.88f)), blush);
     // Lips.
     const float upper = (h.z() - 1.567f) / (0.0085f * (1.0f - std::pow(y / 0.028f, 2.0f)) + 1e-4f);
     const float lip = y < 0.026f ? SmoothStep(1.15f, 0.85f, std::abs(upper)) : 0.0f;
@@ -127,7 +127,7 @@ class BodyPaint : public Paint {
   Vector3f Brows(const Vector3f& h, const Vector3f& under) const {
     const float y = std::abs(h.y());
     const float arch =
-        1.656f + 0.010f * SmoothStep(0.012f, 0.036f, y) - 0.012f * SmoothStep(0.040f, 0.058f, y);
+        1.660f + 0.005f * SmoothStep(0.012f, 0.036f, y) - 0.012f * SmoothStep(0.040f, 0.058f, y);
     const float inside = SmoothStep(0.012f, 0.016f, y) * SmoothStep(0.057f, 0.050f, y) *
                          SmoothStep(0.0058f, 0.0030f, std::abs(h.z() - arch));
     const float hairs = 0.75f + 0.3f * ValueNoise({h.y() * 800, h.z() * 350, 0}, noise_ + 13);

@@ -359,7 +359,7 @@ float BodyShape::Head(const Vector3f& h) const {
   float d = SmoothMin(cranium, Ellipsoid(q, {0.034f, 0, 1.600f}, {0.060f, 0.060f, 0.080f}), 0.03f);
   d = SmoothMin(d, Ellipsoid(q, {0.048f, 0, 1.545f}, {0.042f, 0.040f * f.jaw, 0.026f}), 0.035f);
   d = SmoothMin(d, Ellipsoid(q, {0.010f, 0.046f * f.jaw, 1.572f}, {0.035f, 0.014f, 0.03f}), 0.03f);
-  d = SmoothMin(d, Cone(q, {-0.020f, 0, 1.42f}, {-0.012f, 0, 1.58f}, {0.061f, 0.056f}), 0.03f);
+  d = SmoothMin(d, Cone(q, {-0.020f, 0, 1.42f}, {-0.012f, 0, 1.58f}, {0.058f, 0.050f}), 0.025f);
   if (q.x() > 0.0f && q.z() > 1.5f) {
     d = SmoothMin(d, Ellipsoid(q, {0.074f, 0.026f, 1.654f}, {0.016f, 0.026f, 0.009f}), 0.014f);
     d = SmoothMin(d, Ellipsoid(q, {0.062f, 0.044f, 1.606f}, {0.016f, 0.016f, 0.014f}), 0.02f);

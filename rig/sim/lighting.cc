@@ -39,7 +39,8 @@ std::array<Vector3f, kDirections> CosineDirections() {
 
 float LightAt(const RayScene& scene, const Vector3f& position, const Vector3f& normal,
               const std::array<Vector3f, kDirections>& directions) {
-  const Eigen::Quaternionf turn = Eigen::Quaternionf::FromTwoVectors(Vector3f::UnitZ(), normal);
+  const Eigen::Matrix3f turn =
+      Eigen::Quaternionf::FromTwoVectors(Vector3f::UnitZ(), normal).toRotationMatrix();
   const Vector3f origin = position + kLift_m * normal;
   float sum = 0;
   for (size_t first = 0; first < kDirections; first += kRayPacket) {

@@ -3,7 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <set>
+#include <numeric>
 #include <utility>
 
 namespace rotunda::sim {
@@ -21,7 +21,32 @@ void ComputeNormals(Mesh* mesh) {
         (mesh->vertices[b] - origin).cross(mesh->vertices[c] - origin);
     for (uint32_t vertex : {a, b, c}) mesh->normals[vertex] += twice_area;
   }
-  for (Eigen::Vector3f& normal : mesh->normals) normal.normalize();
+  for (Eigen::Vector3f& normal : mesh->normals) {
+    if (normal.squaredNorm() > 0) normal.normalize();
+  }
+}
+
+void ComputeSmoothNormals(Mesh* mesh) {
+  std::vector<uint32_t> order(mesh->vertices.size());
+  std::iota(order.begin(), order.end(), 0u);
+  const auto key = [&](uint32_t i) {
+    const Eigen::Vector3f& p = mesh->vertices[i];
+    return std::array{p.x(), p.y(), p.z()};
+  };
+  std::stable_sort(order.begin(), order.end(),
+                   [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
+  std::vector<uint32_t> first_here(order.size());
+  for (size_t i = 0; i < order.size(); ++i) {
+    const bool same = i > 0 && key(order[i]) == key(order[i - 1]);
+    first_here[order[i]] = same ? first_here[order[i - 1]] : order[i];
+  }
+  std::vector<std::array<uint32_t, 3>> triangles = mesh->triangles;
+  for (auto& triangle : mesh->triangles) {
+    for (uint32_t& vertex : triangle) vertex = first_here[vertex];
+  }
+  ComputeNormals(mesh);
+  mesh->triangles = std::move(triangles);
+  for (size_t i = 0; i < order.size(); ++i) mesh->normals[i] = mesh->normals[first_here[i]];
 }
 
 bool IsClosedManifold(const Mesh& mesh) {

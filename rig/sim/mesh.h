@@ -23,6 +23,10 @@ struct Mesh {
 /// Area-weighted vertex normals.
 void ComputeNormals(Mesh* mesh);
 
+/// The same where several vertices stand at one place because their texture coordinates differ:
+/// they get one normal.
+void ComputeSmoothNormals(Mesh* mesh);
+
 /// Every edge is used by exactly two triangles, once in each direction.
 bool IsClosedManifold(const Mesh& mesh);
 

@@ -10,6 +10,7 @@
 
 #include "rig/sim/body_paint.h"
 #include "rig/sim/lighting.h"
+#include "rig/sim/obj_body.h"
 #include "rig/sim/png_writer.h"
 #include "rig/sim/ray_scene.h"
 #include "rig/sim/renderer.h"
@@ -45,6 +46,7 @@ std::string FileHash(const std::string& bytes) {
 
 Status Validate(const RigOptions& rig, const SimulateOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(rig.Validate());
+  if (options.target == Target::kCuboid) ROTUNDA_RETURN_IF_ERROR(options.cuboid.Validate());
   const int most = rig.geometry.columns * rig.geometry.rows;
   const auto refused = [](const char* option, double value, const std::string& allowed) {
     std::ostringstream text;
@@ -60,6 +62,14 @@ Status Validate(const RigOptions& rig, const SimulateOptions& options) {
   if (!(options.picture_scale > 0.05 && options.picture_scale <= 2.0)) {
     return refused("picture_scale", options.picture_scale, "0.05 to 2");
   }
+  if (options.placement < 0) return refused("placement", options.placement, "0 or more");
+  if (options.target == Target::kBody && options.texture == GarmentTexture::kOwn &&
+      options.body == "procedural") {
+    return Error{ErrorCode::kInvalidArgument,
+                 "'own' needs a body with a texture (an .obj); the procedural body takes unique, "
+                 "twin or plaid",
+                 "texture"};
+  }
   return {};
 }
 
@@ -70,6 +80,21 @@ WorldObject MakeProceduralBody(const SimulateOptions& options, RunContext& conte
   object.mesh = MakeBodyMesh(shape, kBodyVoxel_m, context.threads);
   Garment garment(options.texture, DeriveSeed(options.seed, kGarmentSeed), shape.layout());
   object.paint = MakeBodyPaint(shape, std::move(garment), DeriveSeed(options.seed, kSkinSeed));
+  return object;
+}
+
+Result<WorldObject> MakeObjBody(const SimulateOptions& options) {
+  ROTUNDA_ASSIGN_OR_RETURN(ObjBody body,
+                           ReadObjBody(options.body, static_cast<float>(options.height_m)));
+  if (options.relief == Relief::kSymmetric) MirrorFrontOntoBack(body.layout, &body.mesh);
+  std::unique_ptr<Garment> garment;
+  if (options.texture != GarmentTexture::kOwn) {
+    garment = std::make_unique<Garment>(options.texture, DeriveSeed(options.seed, kGarmentSeed),
+                                        body.layout);
+  }
+  WorldObject object;
+  object.mesh = body.mesh;
+  object.paint = MakeObjPaint(std::move(body), std::move(garment));
   return object;
 }
 
@@ -125,7 +150,14 @@ Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
                          RunContext& context) {
   World world;
   context.Report("world", 0, 2);
-  world.objects.push_back(MakeProceduralBody(options, context));
+  if (options.target == Target::kCuboid) {
+    world.objects.push_back(MakeCuboid(options.cuboid, CuboidPlacement(options.placement)));
+  } else if (options.body == "procedural") {
+    world.objects.push_back(MakeProceduralBody(options, context));
+  } else {
+    ROTUNDA_ASSIGN_OR_RETURN(WorldObject body, MakeObjBody(options));
+    world.objects.push_back(std::move(body));
+  }
   if (options.background == Background::kStudio) {
     AddStudio(rig.geometry, DeriveSeed(options.seed, kStudioSeed), &world);
   }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "rig/sim/body_shape.h"
+#include "rig/sim/cuboid.h"
 #include "rig/sim/garment.h"
 #include "rig/sim/ray_scene.h"
 #include "rig/sim/rig_options.h"
@@ -15,9 +16,13 @@
 
 namespace rotunda::sim {
 
+enum class Target { kBody, kCuboid };
 enum class Background { kStudio, kPlain };
 
 struct SimulateOptions {
+  Target target = Target::kBody;
+  CuboidOptions cuboid;
+  int placement = 0;                // of the cuboid; see CuboidPlacement
   std::string body = "procedural";  // or the path of an .obj
   GarmentTexture texture = GarmentTexture::kUnique;
   Relief relief = Relief::kNatural;
@@ -28,7 +33,7 @@ struct SimulateOptions {
   double picture_scale = 1.0;  // of the rig's picture size
 };
 
-/// Who stands in the rig, dressed and lit.
+/// Who or what stands in the rig, dressed and lit.
 Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
                          RunContext& context);
 

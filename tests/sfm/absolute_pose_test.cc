@@ -10,7 +10,7 @@
 namespace rotunda::sfm {
 namespace {
 
-using testing::NormalRandom;
+using test::NormalRandom;
 
 constexpr uint64_t kSeed = 7;
 constexpr double kFocal_px = 1840.0;

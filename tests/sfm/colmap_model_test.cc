@@ -318,7 +318,7 @@ TEST(ColmapModel, NamesTheRecordThatDoesNotFit) {
   EXPECT_EQ(ErrorOfChanged([](ColmapRecords& r) { r.points[4].track[0].image_id = 77; }),
             "points3D.bin: point 5: its image 77 is not in images.bin");
   EXPECT_EQ(ErrorOfChanged([](ColmapRecords& r) { r.points[0].track[0].point_index = 5000; }),
-            "points3D.bin: point 1: keypoint 5000 of image 1 does not exist, it has 55");
+            "points3D.bin: point 1: keypoint 5000 of image 1 does not exist, it has 28");
   EXPECT_EQ(ErrorOfChanged([](ColmapRecords& r) { r.points[0].position[2] = INFINITY; }),
             "points3D.bin: point 1: its position is not finite numbers");
 }

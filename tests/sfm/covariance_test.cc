@@ -12,12 +12,12 @@
 namespace rotunda::sfm {
 namespace {
 
-using testing::ErrorsOf;
-using testing::MakeSyntheticWorld;
-using testing::NormalRandom;
-using testing::SyntheticOptions;
-using testing::SyntheticWorld;
-using testing::TrueReconstruction;
+using test::ErrorsOf;
+using test::MakeSyntheticWorld;
+using test::NormalRandom;
+using test::SyntheticOptions;
+using test::SyntheticWorld;
+using test::TrueReconstruction;
 
 constexpr uint64_t kSeed = 11;
 constexpr double kNoise_px = 0.4;

@@ -11,7 +11,7 @@
 namespace rotunda::sfm {
 namespace {
 
-using testing::NormalRandom;
+using test::NormalRandom;
 
 constexpr uint64_t kSeed = 20;
 

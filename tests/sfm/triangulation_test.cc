@@ -78,7 +78,7 @@ TEST(Triangulate, ErrorIsWhatTheNoiseAllows) {
   constexpr uint64_t kSeed = 5;
   constexpr double kNoise_px = 0.5;
   constexpr int kTrials = 400;
-  testing::NormalRandom random(kSeed);
+  test::NormalRandom random(kSeed);
   const std::vector<double> azimuths_deg = {0, 15, 30, 45};
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   for (const double azimuth : azimuths_deg) {

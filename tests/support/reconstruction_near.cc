@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstdio>
 
-namespace rotunda::testing {
+namespace rotunda::test {
 namespace {
 
 Sim3 FitCenters(const std::vector<Eigen::Vector3d>& source,
@@ -62,4 +62,4 @@ std::string NotNear(const sfm::Reconstruction& reconstruction,
   return text;
 }
 
-}  // namespace rotunda::testing
+}  // namespace rotunda::test

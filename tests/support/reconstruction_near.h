@@ -5,7 +5,7 @@
 
 #include "sfm/reconstruction.h"
 
-namespace rotunda::testing {
+namespace rotunda::test {
 
 /// Errors of the registered cameras after the least-squares Sim(3) of their centres to the truth.
 struct PoseErrors {
@@ -24,4 +24,4 @@ std::string NotNear(const sfm::Reconstruction& reconstruction,
                     const std::vector<Rigid3>& cam_from_truth, double max_rotation_rad,
                     double max_position);
 
-}  // namespace rotunda::testing
+}  // namespace rotunda::test

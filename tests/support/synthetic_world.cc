@@ -7,7 +7,7 @@
 #include "sfm/tracks.h"
 #include "sfm/view_graph.h"
 
-namespace rotunda::testing {
+namespace rotunda::test {
 namespace {
 
 constexpr int kWidth_px = 1200, kHeight_px = 1600;
@@ -210,4 +210,4 @@ sfm::Reconstruction TrueReconstruction(const SyntheticWorld& world) {
   return truth;
 }
 
-}  // namespace rotunda::testing
+}  // namespace rotunda::test

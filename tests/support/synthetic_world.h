@@ -6,7 +6,7 @@
 #include "sfm/core/run_context.h"
 #include "sfm/incremental.h"
 
-namespace rotunda::testing {
+namespace rotunda::test {
 
 /// A body of points inside a ring of cameras that look at it, projected straight to features.
 struct SyntheticOptions {
@@ -65,4 +65,4 @@ class NormalRandom {
   uint64_t draws_ = 0;
 };
 
-}  // namespace rotunda::testing
+}  // namespace rotunda::test

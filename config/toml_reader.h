@@ -1,0 +1,46 @@
+#pragma once
+
+#include <toml++/toml.h>
+
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "sfm/core/result.h"
+
+namespace rotunda::config {
+
+/// One key of a table and where its value goes.
+struct Field {
+  std::string_view key;
+  std::variant<int*, double*> target;
+};
+
+struct Section {
+  std::string_view name;
+  std::vector<Field> fields;
+};
+
+/// A parsed TOML file; its errors name `source` and the line.
+class TomlFile {
+ public:
+  static Result<TomlFile> Parse(const std::string& text, const std::string& source);
+
+  /// Fills in what the file gives. Any other table or key is refused.
+  Status Read(const std::vector<Section>& sections) const;
+
+  /// The error of a Validate() whose context is "table.key", with the line the key is on.
+  Error Located(const Error& error) const;
+
+ private:
+  TomlFile(toml::table table, std::string source)
+      : table_(std::move(table)), source_(std::move(source)) {}
+  Error At(const toml::node& node, const std::string& key, const std::string& message) const;
+  Status ReadSection(const toml::table& table, const Section& section) const;
+
+  toml::table table_;
+  std::string source_;
+};
+
+}  // namespace rotunda::config

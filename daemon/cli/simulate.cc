@@ -1,0 +1,107 @@
+#include "rig/sim/simulate.h"
+
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "daemon/cli/commands.h"
+#include "daemon/cli/terminal.h"
+
+namespace rotunda::cli {
+namespace {
+
+struct SimulateArguments {
+  std::filesystem::path out;
+  std::optional<std::filesystem::path> rig;
+  sim::SimulateOptions options;
+};
+
+Status Simulate(const SimulateArguments& arguments, const CommonOptions& common) {
+  sim::RigOptions rig;
+  ThreadPool threads(common.threads);
+  ProgressLine progress(!common.json);
+  RunContext context{threads, common.stop,
+                     [&](std::string_view stage, size_t done, size_t total) {
+                       progress.Update(stage, done, total);
+                     },
+                     arguments.options.seed};
+  ROTUNDA_RETURN_IF_ERROR(sim::SimulateFrameSet(rig, arguments.options, arguments.out, context));
+  const std::vector<StageCost> costs = progress.Finish();
+  if (common.json) {
+    const nlohmann::ordered_json result = {{"out", arguments.out.string()},
+                                           {"cameras", arguments.options.cameras}};
+    std::printf("%s\n", result.dump(1).c_str());
+  } else {
+    std::printf("Wrote %d pictures and truth.json to %s\n", arguments.options.cameras,
+                arguments.out.c_str());
+    for (const StageCost& cost : costs) {
+      std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,
+                  cost.peak_memory_mb);
+    }
+  }
+  return {};
+}
+
+template <typename Enum>
+void AddChoice(CLI::App* command, const std::string& name, Enum& value, const std::string& help,
+               const std::map<std::string, Enum>& choices) {
+  std::string names;
+  for (const auto& [choice, unused] : choices) names += (names.empty() ? "" : "|") + choice;
+  command->add_option(name, value, help)
+      ->transform(CLI::CheckedTransformer(choices).description(""))
+      ->type_name(names);
+}
+
+}  // namespace
+
+void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
+  auto arguments = std::make_shared<SimulateArguments>();
+  sim::SimulateOptions& options = arguments->options;
+  CLI::App* command = AddCommand(
+      app, common, "simulate",
+      "Render what the cameras of a rig would take of a person, as a frame set with truth.json "
+      "(the exact cameras) and calibration.json (as a calibration of the rig would have them).",
+      "rotunda simulate capture --texture twin --relief symmetric --seed 7");
+  command->add_option("OUT", arguments->out, "Folder to make; must not exist or be empty")
+      ->required();
+  command->add_option("--rig", arguments->rig, "Rig to simulate; default: config/rig-90.toml's")
+      ->type_name("FILE");
+  command->add_option("--body", options.body, "procedural, or an .obj file")
+      ->capture_default_str()
+      ->type_name("procedural|FILE.obj");
+  AddChoice<sim::GarmentTexture>(command, "--texture", options.texture,
+                                 "What the garment shows: unique = other prints on the back than "
+                                 "on the front (default), twin = the "
+                                 "same, plaid = periodic, own = the mesh's texture",
+                                 {{"unique", sim::GarmentTexture::kUnique},
+                                  {"twin", sim::GarmentTexture::kTwin},
+                                  {"plaid", sim::GarmentTexture::kPlaid},
+                                  {"own", sim::GarmentTexture::kOwn}});
+  AddChoice<sim::Relief>(
+      command, "--relief", options.relief,
+      "natural (default), or symmetric = the back of the garment has the front's shape",
+      {{"natural", sim::Relief::kNatural}, {"symmetric", sim::Relief::kSymmetric}});
+  AddChoice<sim::Background>(
+      command, "--background", options.background,
+      "studio (default: floor marks, poles, curtain) or plain",
+      {{"studio", sim::Background::kStudio}, {"plain", sim::Background::kPlain}});
+  command->add_option("--height", options.height_m, "Height of the body in metres")
+      ->capture_default_str();
+  command->add_option("--seed", options.seed, "Seed of cameras, body, garment and noise")
+      ->capture_default_str();
+  command->add_option("--cameras", options.cameras, "How many of the rig's cameras, evenly spread")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--scale", options.picture_scale, "Size of the pictures; 1 is the rig's")
+      ->capture_default_str();
+  command->callback([arguments, &common, &chosen] {
+    chosen = [arguments, &common] {
+      const Status status = Simulate(*arguments, common);
+      return status.ok() ? kDone : Fail(status.error());
+    };
+  });
+}
+
+}  // namespace rotunda::cli
