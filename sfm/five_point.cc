@@ -187,6 +187,29 @@ Eigen::Vector3d NullVector(const std::array<EliminatedRow, 3>& rows, double z) {
   return best;
 }
 
+/// One Gauss-Newton step of (x, y, z) on the ten constraints: brings back the digits that the
+/// polynomial of degree ten loses.
+Eigen::Vector3d Polished(const Eigen::Matrix<double, 10, 20>& constraints,
+                         const Eigen::Vector3d& xyz) {
+  std::array<Eigen::Vector4d, 3> powers;
+  for (int i = 0; i < 3; ++i) {
+    powers[i] << 1, xyz[i], xyz[i] * xyz[i], xyz[i] * xyz[i] * xyz[i];
+  }
+  Eigen::Matrix<double, 20, 4> monomials;  // value, derivatives by x, y and z
+  for (int m = 0; m < 20; ++m) {
+    const std::array<int, 3> e = {kCubic[m].x, kCubic[m].y, kCubic[m].z};
+    const Eigen::Vector3d p(powers[0][e[0]], powers[1][e[1]], powers[2][e[2]]);
+    const auto slope = [&](int i) { return e[i] == 0 ? 0.0 : e[i] * powers[i][e[i] - 1]; };
+    monomials.row(m) << p[0] * p[1] * p[2], slope(0) * p[1] * p[2], p[0] * slope(1) * p[2],
+        p[0] * p[1] * slope(2);
+  }
+  const Eigen::Matrix<double, 10, 4> values = constraints * monomials;
+  const Eigen::Matrix<double, 10, 3> jacobian = values.rightCols<3>();
+  const Eigen::Matrix3d normal = jacobian.transpose() * jacobian;
+  const Eigen::Vector3d step = normal.ldlt().solve(jacobian.transpose() * values.col(0));
+  return step.allFinite() ? Eigen::Vector3d(xyz - step) : xyz;
+}
+
 }  // namespace
 
 void SolveFivePoint(std::span<const Correspondence, 5> sample,
@@ -206,7 +229,9 @@ void SolveFivePoint(std::span<const Correspondence, 5> sample,
   for (double z : roots) {
     const Eigen::Vector3d xy1 = NullVector(rows, z);
     if (xy1.z() == 0.0) continue;
-    const Linear weights(xy1.x() / xy1.z(), xy1.y() / xy1.z(), z, 1.0);
+    Eigen::Vector3d xyz(xy1.x() / xy1.z(), xy1.y() / xy1.z(), z);
+    xyz = Polished(constraints, xyz);
+    const Linear weights = xyz.homogeneous();
     Eigen::Matrix3d essential;
     for (int i = 0; i < 9; ++i) essential(i / 3, i % 3) = form[i].dot(weights);
     solutions.push_back(essential / essential.norm());

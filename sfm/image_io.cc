@@ -19,8 +19,15 @@ namespace {
 
 constexpr std::string_view kPngSignature("\x89PNG\r\n\x1a\n", 8);
 
+/// The IEND chunk with its checksum. libspng does not mind when it is missing; whoever copies a
+/// file in part should hear of it.
+constexpr std::string_view kPngEnd("\0\0\0\0IEND\xAE\x42\x60\x82", 12);
+
 /// Sides beyond this are refused before memory is asked for.
 constexpr uint32_t kMaxSide_px = 65535;
+
+/// Deflate makes its input at most 1032 times larger (zlib.net/zlib_tech.html).
+constexpr size_t kMaxDeflateRatio = 1032;
 
 Error NotAPicture(const std::string& what) { return {ErrorCode::kBadInput, what, ""}; }
 
@@ -49,16 +56,25 @@ Result<SpngContext> OpenPng(const std::string& bytes, spng_ihdr& header) {
 Result<RgbPng> DecodePng(const std::string& bytes) {
   spng_ihdr header{};
   ROTUNDA_ASSIGN_OR_RETURN(const SpngContext context, OpenPng(bytes, header));
+  size_t raw_size = 0;
+  if (spng_decoded_image_size(context.get(), SPNG_FMT_RAW, &raw_size) != 0 ||
+      raw_size / kMaxDeflateRatio > bytes.size()) {
+    return NotAPicture("PNG of " + std::to_string(bytes.size()) + " bytes cannot hold the " +
+                       std::to_string(header.width) + "x" + std::to_string(header.height) +
+                       " pixels that its header promises");
+  }
   RgbPng png;
   png.grey = header.color_type == SPNG_COLOR_TYPE_GRAYSCALE ||
              header.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA;
   png.rgb.create(static_cast<int>(header.height), static_cast<int>(header.width), CV_8UC3);
   const size_t size = png.rgb.total() * png.rgb.elemSize();
   int status = spng_decode_image(context.get(), png.rgb.data, size, SPNG_FMT_RGB8, 0);
-  if (status == 0) status = spng_decode_chunks(context.get());  // up to and with IEND
   if (status != 0) {
     return NotAPicture(std::string("PNG cannot be decoded (cut short or damaged): ") +
                        spng_strerror(status));
+  }
+  if (bytes.rfind(kPngEnd) == std::string::npos) {
+    return NotAPicture("PNG is cut short: the data end before the IEND chunk");
   }
   return png;
 }

@@ -402,6 +402,12 @@ size_t ModelBuilder::Filter(double max_error_px, double max_sigmas) {
   return removed;
 }
 
+size_t ModelBuilder::ObservationCount() const {
+  size_t count = 0;
+  for (const Point3& point : model_.points) count += point.observations.size();
+  return count;
+}
+
 Reconstruction ModelBuilder::Take() {
   Compact();
   registered_.clear();

@@ -27,6 +27,7 @@ class ModelBuilder {
   const std::vector<ImageId>& RegisteredImages() const { return registered_; }
   bool IsRegistered(ImageId image) const { return model_.Registered(image); }
   size_t PointCount() const { return live_points_; }
+  size_t ObservationCount() const;
 
   /// Pose of an unregistered image; kFailed says what was lacking. Safe to call side by side.
   Result<AbsolutePose> EstimatePose(ImageId image, size_t min_inliers) const;

@@ -70,6 +70,7 @@ Tracks BuildTracks(const Features& features, const TwoViews& two_views, const Vi
   TrackForest forest(features);
   for (size_t edge : EdgesByWeight(graph)) {
     const TwoView& view = two_views.pairs[graph.edges[edge].two_view];
+    if (view.kind == TwoViewKind::kPanoramic) continue;
     for (const Match& match : view.inliers) {
       forest.Join({view.pair.first, match.first}, {view.pair.second, match.second});
     }

@@ -19,7 +19,9 @@ struct Tracks {
 };
 
 /// Union-find over inlier matches, pairs by descending weight (ties by pair); a union that would
-/// put two keypoints of one picture into one track is refused. Tracks of one keypoint are left out.
+/// put two keypoints of one picture into one track is refused. Matches of panoramic pairs are left
+/// out: they cannot be triangulated, and in a rig they join different things that look alike.
+/// Tracks of one keypoint are left out.
 Tracks BuildTracks(const Features& features, const TwoViews& two_views, const ViewGraph& graph);
 
 }  // namespace rotunda::sfm

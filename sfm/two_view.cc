@@ -234,23 +234,36 @@ std::optional<Eigen::Matrix3d> ExplainingHomography(const Data& inliers, double 
   return result->model;
 }
 
+/// The rotation, when it explains (nearly) all that the epipolar matrix does.
+std::optional<Eigen::Quaterniond> RotationAlone(const std::optional<Eigen::Matrix3d>& homography,
+                                                const Data& inliers, const PairData& pair,
+                                                const TwoViewOptions& options) {
+  if (!homography) return std::nullopt;
+  const RotationFit fit = FitRotation(*homography, inliers, pair.max_error);
+  const double wanted = options.max_homography_ratio * static_cast<double>(inliers.size());
+  if (static_cast<double>(fit.inliers) <= wanted) return std::nullopt;
+  return fit.second_from_first;
+}
+
 /// A pose refined over the data that agree with it, and these.
 struct PoseModel {
   Rigid3 second_from_first;
   std::vector<size_t> inliers;  // in front of both cameras
 };
 
-/// When the pose is the model (`calibrated`) its inliers are collected anew, else those of the
-/// fundamental matrix stay. Those behind a camera go.
+/// When the pose is the model (`calibrated`) its inliers are its own, else those of the fundamental
+/// matrix. Those behind a camera go.
 PoseModel RefinedPose(const PairData& pair, const EpipolarModel& model, bool calibrated,
                       const Rigid3& start) {
-  PoseModel refined{start, model.inliers};
+  const auto inliers_of = [&](const Rigid3& pose) {
+    return calibrated ? EpipolarInliers(EssentialFromPose(pose), pair.data, pair.max_error)
+                      : model.inliers;
+  };
+  PoseModel refined{start, inliers_of(start)};
   for (int round = 0; round < 2; ++round) {
     refined.second_from_first =
         RefinePose(refined.second_from_first, Subset(pair.data, refined.inliers), kFinalIterations);
-    if (!calibrated) continue;
-    refined.inliers =
-        EpipolarInliers(EssentialFromPose(refined.second_from_first), pair.data, pair.max_error);
+    refined.inliers = inliers_of(refined.second_from_first);
   }
   std::erase_if(refined.inliers, [&](size_t i) {
     return !InFront(refined.second_from_first, pair.data[i], pair.max_error);
@@ -331,12 +344,13 @@ std::optional<TwoView> VerifyPair(const PairMatches& matches, const PairData& pa
   view.second_from_first = pose.second_from_first;
   view.median_angle_rad = MedianAngle_rad(pair, pose);
   for (size_t i : pose.inliers) view.inliers.push_back(pair.matches[i]);
-  if (!homography) return view;
-  const RotationFit rotation = FitRotation(*homography, inliers, pair.max_error);
-  if (static_cast<double>(rotation.inliers) >
-      options.max_homography_ratio * static_cast<double>(inliers.size())) {
+  std::optional<Eigen::Quaterniond> rotation = RotationAlone(homography, inliers, pair, options);
+  if (!rotation && view.median_angle_rad < options.min_angle_rad) {
+    rotation = pose.second_from_first.rotation;
+  }
+  if (rotation) {
     view.kind = TwoViewKind::kPanoramic;
-    view.second_from_first = {rotation.second_from_first, Eigen::Vector3d::Zero()};
+    view.second_from_first = {*rotation, Eigen::Vector3d::Zero()};
     view.median_angle_rad = 0;
   }
   return view;
@@ -364,6 +378,7 @@ Status TwoViewOptions::Validate() const {
   if (!(max_homography_ratio > 0 && max_homography_ratio <= 1)) {
     return bad("max_homography_ratio", max_homography_ratio, "more than 0, at most 1");
   }
+  if (!(min_angle_rad >= 0)) return bad("min_angle_rad", min_angle_rad, "at least 0");
   return {};
 }
 

@@ -14,19 +14,19 @@
 namespace rotunda::sfm {
 
 enum class TwoViewKind {
-  kCalibrated,    // essential matrix, intrinsics known
+  kCalibrated,    // essential matrix: intrinsics known, or assumed and as good as free ones
   kUncalibrated,  // fundamental matrix; the pose comes from the assumed focal lengths
   kPlanar,        // homography explains the matches, with parallax
-  kPanoramic,     // homography explains them without parallax: rotation only, no baseline
+  kPanoramic,     // rotation alone explains them, or the rays are as good as parallel: no baseline
 };
 
 /// A verified pair.
 struct TwoView {
   ImagePair pair;
   TwoViewKind kind = TwoViewKind::kCalibrated;
-  Rigid3 second_from_first;  // |translation| = 1, or 0 when kPanoramic
-  std::vector<Match> inliers;
-  double median_angle_rad = 0;  // triangulation angle over the inliers
+  Rigid3 second_from_first;     // |translation| = 1, or 0 when kPanoramic
+  std::vector<Match> inliers;   // sorted by first; in front of both cameras
+  double median_angle_rad = 0;  // triangulation angle over the inliers; 0 when kPanoramic
 };
 
 /// Sorted by pair.
@@ -42,6 +42,9 @@ struct TwoViewOptions {
   int max_iterations = 10000;
   /// Homography inliers / epipolar inliers above which a pair counts as planar or panoramic.
   double max_homography_ratio = 0.8;
+  /// Median triangulation angle below which a pair counts as panoramic. In a rig, where no two
+  /// cameras share a place, such pairs show different parts of the rig that look alike.
+  double min_angle_rad = RadFromDeg(1.0);
   Status Validate() const;
 };
 

@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <functional>
+#include <map>
 #include <stop_token>
 #include <string>
 
@@ -25,5 +26,16 @@ void AddExport(CLI::App& app, CommonOptions& common, Action& chosen);
 /// A sub-command with --json, --threads and an example under its help.
 CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& name,
                      const std::string& description, const std::string& example);
+
+/// An option whose values have names.
+template <typename Enum>
+void AddChoice(CLI::App* command, const std::string& name, Enum& value, const std::string& help,
+               const std::map<std::string, Enum>& choices) {
+  std::string names;
+  for (const auto& [choice, unused] : choices) names += (names.empty() ? "" : "|") + choice;
+  command->add_option(name, value, help)
+      ->transform(CLI::CheckedTransformer(choices).description(""))
+      ->type_name(names);
+}
 
 }  // namespace rotunda::cli

@@ -1,6 +1,5 @@
 #include <cstdio>
 #include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -153,15 +152,12 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
   command->add_option("--method", arguments->method, "How to reconstruct: plain = incremental SfM")
       ->check(CLI::IsMember({"plain"}))
       ->capture_default_str();
-  const std::map<std::string, sfm::PairSelection> pairs = {
-      {"exhaustive", sfm::PairSelection::kExhaustive},
-      {"neighbours", sfm::PairSelection::kNeighbours}};
-  command
-      ->add_option("--pairs", arguments->pairs,
-                   "Pairs to match: exhaustive (default), or neighbours = those whose calibrated "
-                   "views overlap (faster, blind to swapped cameras)")
-      ->transform(CLI::CheckedTransformer(pairs))
-      ->type_name("exhaustive|neighbours");
+  AddChoice<sfm::PairSelection>(
+      command, "--pairs", arguments->pairs,
+      "Pairs to match: exhaustive (default), or neighbours = those whose calibrated views overlap "
+      "(faster, blind to swapped cameras)",
+      {{"exhaustive", sfm::PairSelection::kExhaustive},
+       {"neighbours", sfm::PairSelection::kNeighbours}});
   CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments->fix_intrinsics,
                                        "Keep intrinsics (default when they are calibrated)");
   command

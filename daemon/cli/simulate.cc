@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "config/sim_config.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/terminal.h"
 
@@ -15,26 +16,34 @@ namespace {
 struct SimulateArguments {
   std::filesystem::path out;
   std::optional<std::filesystem::path> rig;
+  std::optional<std::filesystem::path> board;
   sim::SimulateOptions options;
 };
 
 Status Simulate(const SimulateArguments& arguments, const CommonOptions& common) {
   sim::RigOptions rig;
+  sim::SimulateOptions options = arguments.options;
+  if (arguments.rig) {
+    ROTUNDA_ASSIGN_OR_RETURN(rig, config::ReadRigOptions(*arguments.rig));
+  }
+  if (arguments.board) {
+    ROTUNDA_ASSIGN_OR_RETURN(options.cuboid, config::ReadCuboidOptions(*arguments.board));
+  }
   ThreadPool threads(common.threads);
   ProgressLine progress(!common.json);
   RunContext context{threads, common.stop,
                      [&](std::string_view stage, size_t done, size_t total) {
                        progress.Update(stage, done, total);
                      },
-                     arguments.options.seed};
-  ROTUNDA_RETURN_IF_ERROR(sim::SimulateFrameSet(rig, arguments.options, arguments.out, context));
+                     options.seed};
+  ROTUNDA_RETURN_IF_ERROR(sim::SimulateFrameSet(rig, options, arguments.out, context));
   const std::vector<StageCost> costs = progress.Finish();
   if (common.json) {
     const nlohmann::ordered_json result = {{"out", arguments.out.string()},
-                                           {"cameras", arguments.options.cameras}};
+                                           {"cameras", options.cameras}};
     std::printf("%s\n", result.dump(1).c_str());
   } else {
-    std::printf("Wrote %d pictures and truth.json to %s\n", arguments.options.cameras,
+    std::printf("Wrote %d pictures, truth.json and calibration.json to %s\n", options.cameras,
                 arguments.out.c_str());
     for (const StageCost& cost : costs) {
       std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,
@@ -42,16 +51,6 @@ Status Simulate(const SimulateArguments& arguments, const CommonOptions& common)
     }
   }
   return {};
-}
-
-template <typename Enum>
-void AddChoice(CLI::App* command, const std::string& name, Enum& value, const std::string& help,
-               const std::map<std::string, Enum>& choices) {
-  std::string names;
-  for (const auto& [choice, unused] : choices) names += (names.empty() ? "" : "|") + choice;
-  command->add_option(name, value, help)
-      ->transform(CLI::CheckedTransformer(choices).description(""))
-      ->type_name(names);
 }
 
 }  // namespace
@@ -68,6 +67,14 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->required();
   command->add_option("--rig", arguments->rig, "Rig to simulate; default: config/rig-90.toml's")
       ->type_name("FILE");
+  AddChoice<sim::Target>(command, "--target", options.target,
+                         "What stands in the rig: body (default) or the ChArUco cuboid",
+                         {{"body", sim::Target::kBody}, {"cuboid", sim::Target::kCuboid}});
+  command->add_option("--board", arguments->board, "The cuboid; default: config/cuboid.toml's")
+      ->type_name("FILE");
+  command->add_option("--placement", options.placement, "Where the cuboid stands: 0, 1, 2, ...")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
   command->add_option("--body", options.body, "procedural, or an .obj file")
       ->capture_default_str()
       ->type_name("procedural|FILE.obj");

@@ -185,13 +185,7 @@ float BodyShape::Whole(const Vector3f& p) const {
   };
   join(BoxBound(q, {-0.12f, 0.10f, 0.85f}, {0.12f, 0.56f, 1.48f}), 0.07f, [&] { return Arm(q); });
   join(BoxBound(q, {-0.12f, 0.0f, 0.06f}, {0.12f, 0.27f, 0.92f}), 0.03f, [&] { return Leg(q); });
-  if (q.z() < 1.3f) {
-    d = SmoothMax(d, -1.0f, 0.01f);
-    const float inside = unit_layout_.GarmentInside_m(q);
-    if (d < 0.06f && inside > -0.01f) d -= Folds(relief_ == Relief::kSymmetric ? q : p);
-  } else if (d < 0.06f) {
-    d -= Folds(relief_ == Relief::kSymmetric ? q : p);
-  }
+  if (d < 0.06f && unit_layout_.GarmentInside_m(q) > -0.01f) d -= Folds(p);
   join(BoxBound(q, {-0.09f, 0.38f, 0.72f}, {0.11f, 0.66f, 1.02f}), 0.008f, [&] { return Hand(q); });
   join(BoxBound(q, {-0.12f, 0.02f, 0.0f}, {0.26f, 0.28f, 0.16f}), 0.008f, [&] { return Shoe(q); });
   join(BoxBound(q, {-0.16f, 0, 1.40f}, {0.16f, 0.13f, 1.80f}), 0.012f,

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/aruco.hpp>
-#include <opencv2/imgproc.hpp>
 #include <sstream>
 #include <string>
 
@@ -13,31 +12,33 @@
 namespace rotunda::sim {
 namespace {
 
-constexpr int kTagCells = 8;        // 6 bits and the border on both sides
-constexpr int kTexelsPerCell = 12;  // of a tag
-constexpr int kMostTags = 587;      // in AprilTag 36h11
-constexpr int kFacePatches = 12;    // along each edge of a face, so that light can vary over it
+constexpr int kTagCells = 8;  // 6 bits and the border on both sides
+constexpr int kTexelsPerSquare = 128;
+constexpr uint8_t kWhite = 235;  // of the print
+constexpr uint8_t kBlack = 28;
+constexpr int kMostTags = 587;    // in AprilTag 36h11
+constexpr int kFacePatches = 12;  // along each edge of a face, so that light can vary over it
 
 class CuboidPaint : public Paint {
  public:
   explicit CuboidPaint(const CuboidOptions& options) {
     for (int face = 0; face < kCuboidFaces; ++face) {
-      Picture picture = DrawFace(options, static_cast<CuboidFace>(face));
-      const CuboidFaceFrame frame = FaceOf(options, static_cast<CuboidFace>(face));
-      texels_per_m_.push_back(static_cast<float>(picture.width / frame.width_m));
-      faces_.emplace_back(std::move(picture));
+      FacePrint print = DrawFace(options, static_cast<CuboidFace>(face));
+      scale_ = static_cast<float>(print.texels_per_m);
+      offset_ = static_cast<float>(print.offset_texels);
+      faces_.emplace_back(std::move(print.picture));
     }
   }
   Eigen::Vector3f Albedo(const SurfacePoint& point) const override {
     if (point.material >= faces_.size()) return Eigen::Vector3f::Constant(0.3f);
-    const float scale = texels_per_m_[point.material];
-    return 0.85f * faces_[point.material].Sample(point.uv.x() * scale, point.uv.y() * scale,
-                                                 point.footprint_m * scale);
+    return 0.85f * faces_[point.material].Sample(offset_ + point.uv.x() * scale_,
+                                                 offset_ + point.uv.y() * scale_,
+                                                 point.footprint_m * scale_);
   }
 
  private:
   std::vector<Texture> faces_;
-  std::vector<float> texels_per_m_;
+  float scale_ = 1, offset_ = 0;  // from metres on the face to texels
 };
 
 void AppendFace(const CuboidFaceFrame& frame, const Rigid3& rig_from_cuboid, uint8_t material,
@@ -121,39 +122,40 @@ CuboidFaceFrame FaceOf(const CuboidOptions& options, CuboidFace face) {
   return frame;
 }
 
-Picture DrawFace(const CuboidOptions& options, CuboidFace face) {
+FacePrint DrawFace(const CuboidOptions& options, CuboidFace face) {
   const CuboidFaceFrame frame = FaceOf(options, face);
-  const double texels_per_mm = kTagCells * kTexelsPerCell / options.marker_mm;
-  const auto texel = [&](double mm) { return static_cast<int>(std::lround(mm * texels_per_mm)); };
-  cv::Mat board(texel(1e3 * frame.height_m), texel(1e3 * frame.width_m), CV_8UC1, cv::Scalar(235));
-  const cv::Ptr<cv::aruco::Dictionary> dictionary =
-      cv::aruco::getPredefinedDictionary(cv::aruco::DICT_APRILTAG_36h11);
+  FacePrint print;
+  print.texels_per_m = 1e3 * kTexelsPerSquare / options.square_mm;
+  const double margin_texels = 1e-3 * options.margin_mm * print.texels_per_m;
+  const int border = static_cast<int>(std::ceil(margin_texels)) + 1;
+  print.offset_texels = border - margin_texels;
+  print.picture = Picture(frame.columns * kTexelsPerSquare + 2 * border,
+                          frame.rows * kTexelsPerSquare + 2 * border);
+  std::fill(print.picture.rgb.begin(), print.picture.rgb.end(), kWhite);
+  const auto dictionary = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_APRILTAG_36h11);
+  const double marker = options.marker_mm / options.square_mm * kTexelsPerSquare;
   int id = frame.first_id;
-  for (int row = 0; row < frame.rows; ++row) {
-    for (int column = 0; column < frame.columns; ++column) {
-      const double left = options.margin_mm + column * options.square_mm;
-      const double top = options.margin_mm + row * options.square_mm;
-      if ((row + column) % 2 == 0) {
-        const cv::Point low(texel(left), texel(top));
-        const cv::Point high(texel(left + options.square_mm), texel(top + options.square_mm));
-        board(cv::Rect(low, high)).setTo(28);
-        continue;
+  for (int square = 0; square < frame.rows * frame.columns; ++square) {
+    const int row = square / frame.columns, column = square % frame.columns;
+    cv::Mat tag(kTagCells, kTagCells, CV_8UC1, cv::Scalar(0));
+    const bool black = (row + column) % 2 == 0;
+    if (!black) cv::aruco::drawMarker(dictionary, id++, kTagCells, tag, 1);
+    for (int y = 0; y < kTexelsPerSquare; ++y) {
+      for (int x = 0; x < kTexelsPerSquare; ++x) {
+        const auto cell = [&](int texel) {
+          const double from_tag = texel + 0.5 - 0.5 * (kTexelsPerSquare - marker);
+          return static_cast<int>(std::floor(from_tag / marker * kTagCells));
+        };
+        const bool on_tag =
+            cell(x) >= 0 && cell(x) < kTagCells && cell(y) >= 0 && cell(y) < kTagCells;
+        const bool ink = black || (on_tag && tag.at<uint8_t>(cell(y), cell(x)) < 128);
+        uint8_t* texel = print.picture.at(border + column * kTexelsPerSquare + x,
+                                          border + row * kTexelsPerSquare + y);
+        if (ink) std::fill_n(texel, 3, kBlack);
       }
-      cv::Mat tag;
-      cv::aruco::drawMarker(dictionary, id++, kTagCells * kTexelsPerCell, tag, 1);
-      tag.setTo(235, tag > 128);
-      tag.setTo(28, tag < 128);
-      const double inset = 0.5 * (options.square_mm - options.marker_mm);
-      tag.copyTo(board(cv::Rect(texel(left + inset), texel(top + inset), tag.cols, tag.rows)));
     }
   }
-  Picture picture(board.cols, board.rows);
-  for (int y = 0; y < board.rows; ++y) {
-    for (int x = 0; x < board.cols; ++x) {
-      std::fill_n(picture.at(x, y), 3, board.at<uint8_t>(y, x));
-    }
-  }
-  return picture;
+  return print;
 }
 
 Rigid3 CuboidPlacement(int placement) {

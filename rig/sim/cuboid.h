@@ -40,8 +40,14 @@ struct CuboidFaceFrame {
 };
 CuboidFaceFrame FaceOf(const CuboidOptions& options, CuboidFace face);
 
-/// The board printed on a face, with its margin.
-Picture DrawFace(const CuboidOptions& options, CuboidFace face);
+/// The board printed on a face, with its margin. Squares are a whole number of texels, so that
+/// nothing is rounded: texel = offset_texels + texels_per_m * metres on the face.
+struct FacePrint {
+  Picture picture;
+  double texels_per_m = 0;
+  double offset_texels = 0;
+};
+FacePrint DrawFace(const CuboidOptions& options, CuboidFace face);
 
 /// Where the cuboid stands in shot `placement`: 0 upright on the axis facing +x; others turned,
 /// shifted and a little tilted.

@@ -58,9 +58,11 @@ struct SurfaceOptions {
   float voxel_m = 0.004f;
 };
 
-/// Zero set of `distance` in a box as a closed mesh: naive surface nets (Gibson 1998) with each
-/// vertex then moved onto the zero set. Blocks far from the surface are skipped, which needs
-/// |gradient| <= 1.5 away from it.
+/// Zero set of `distance` in a box as a closed mesh: surface nets (Gibson 1998) with a vertex for
+/// each sheet of the surface in a cell (as in Nielson's dual marching cubes, 2004), each then moved
+/// onto the zero set. It closes always; where two sheets touch within neighbouring
+/// cells an edge may be shared by four triangles. Blocks far from the surface are skipped, which
+/// needs |gradient| <= 2.5.
 Mesh ExtractSurface(const DistanceFunction& distance, const SurfaceOptions& options,
                     ThreadPool& threads);
 

@@ -19,7 +19,7 @@ struct Style {
   double mottle = 1;
 };
 
-// Every third seed or so is plain cloth with few prints.
+// Chance that a seed's cloth is plain, with few prints.
 constexpr double kPlainChance = 0.15;
 
 cv::Scalar ColourOf(double hue, double saturation, double value) {
@@ -35,13 +35,20 @@ Style DrawStyle(uint64_t seed) {
   Style style;
   const double hue = random.Uniform();
   const bool dark = random.Chance(0.5);
-  style.shirt = ColourOf(hue, random.Uniform(0.15, 0.55), dark ? 0.42 : 0.78);
-  style.trousers = ColourOf(std::fmod(hue + random.Uniform(0.3, 0.7), 1.0),
-                            random.Uniform(0.1, 0.4), random.Uniform(0.35, 0.6));
+  // Draws one after the other: the order in which arguments are evaluated is the compiler's.
+  const auto colour = [&](double from, double to, double value, double any_hue) {
+    const double saturation = random.Uniform(from, to);
+    return ColourOf(any_hue, saturation, value);
+  };
+  style.shirt = colour(0.15, 0.55, dark ? 0.42 : 0.78, hue);
+  const double other_hue = std::fmod(hue + random.Uniform(0.3, 0.7), 1.0);
+  const double trousers_value = random.Uniform(0.35, 0.6);
+  style.trousers = colour(0.1, 0.4, trousers_value, other_hue);
   for (size_t i = 0; i < style.inks.size(); ++i) {
-    const double value =
-        (i % 2 == 0) == dark ? random.Uniform(0.75, 0.95) : random.Uniform(0.12, 0.5);
-    style.inks[i] = ColourOf(random.Uniform(), random.Uniform(0.1, 0.8), value);
+    const bool light = (i % 2 == 0) == dark;
+    const double value = light ? random.Uniform(0.75, 0.95) : random.Uniform(0.12, 0.5);
+    const double ink_hue = random.Uniform();
+    style.inks[i] = colour(0.1, 0.8, value, ink_hue);
   }
   style.print_scale = random.Uniform(0.8, 1.4);
   style.density = random.Uniform(0.7, 1.3);
@@ -100,7 +107,8 @@ class Printer {
                ink, cv::FILLED, cv::LINE_AA, kShift);
   }
   std::vector<cv::Point> Closed(const cv::Point2d& centre, double size, int lobes, double depth) {
-    const double phase = random_.Uniform(0, 6.28), skew = random_.Uniform(-0.3, 0.3);
+    const double phase = random_.Uniform(0, 6.28);
+    const double skew = random_.Uniform(-0.3, 0.3);
     std::vector<cv::Point> outline;
     for (int i = 0; i < 48; ++i) {
       const double angle = 6.283185307 * i / 48;
@@ -115,8 +123,11 @@ class Printer {
     const cv::Point2d centre = Place();
     const int lobes = 2 + random_.Index(4);
     const cv::Scalar ink = Ink();
-    Fill(Closed(centre, size, lobes, random_.Uniform(0.1, 0.35)), ink);
-    if (random_.Chance(0.6)) Fill(Closed(centre, 0.6 * size, lobes, 0.25), Ink());
+    const double depth = random_.Uniform(0.1, 0.35);
+    Fill(Closed(centre, size, lobes, depth), ink);
+    if (!random_.Chance(0.6)) return;
+    const cv::Scalar inner = Ink();
+    Fill(Closed(centre, 0.6 * size, lobes, 0.25), inner);
   }
   void Flower(double size) {
     const cv::Point2d centre = Place();
@@ -177,10 +188,10 @@ class Printer {
     const cv::Point2d at = Place();
     const int fonts[] = {cv::FONT_HERSHEY_SIMPLEX, cv::FONT_HERSHEY_DUPLEX,
                          cv::FONT_HERSHEY_TRIPLEX, cv::FONT_HERSHEY_SCRIPT_COMPLEX};
-    cv::putText(cloth_, word,
-                cv::Point(static_cast<int>(at.x * kTexelsPerMetre),
-                          static_cast<int>(at.y * kTexelsPerMetre)),
-                fonts[random_.Index(4)], height * kTexelsPerMetre / 22.0, Ink(),
+    const int font = fonts[random_.Index(4)];
+    const cv::Point corner(static_cast<int>(at.x * kTexelsPerMetre),
+                           static_cast<int>(at.y * kTexelsPerMetre));
+    cv::putText(cloth_, word, corner, font, height * kTexelsPerMetre / 22.0, Ink(),
                 Thickness(0.12 * height), cv::LINE_AA);
   }
   void Dot(double size) { Disc(Place(), 0.5 * size, Ink()); }

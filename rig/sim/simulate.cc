@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "rig/sim/body_paint.h"
+#include "rig/sim/calibrated_rig.h"
 #include "rig/sim/lighting.h"
 #include "rig/sim/obj_body.h"
 #include "rig/sim/png_writer.h"
@@ -201,6 +202,8 @@ Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
       WritePictures(world, truth, rig, options, folder.path(), &set.frames, context));
   ROTUNDA_RETURN_IF_ERROR(
       WriteFileAtomically(folder.path() / "truth.json", CalibrationToJson(truth)));
+  ROTUNDA_RETURN_IF_ERROR(
+      WriteCalibration(DrawCalibration(truth, options.seed), folder.path() / "calibration.json"));
   ROTUNDA_RETURN_IF_ERROR(
       WriteFileAtomically(folder.path() / "frameset.json", FrameSetToJson(set)));
   return folder.Commit();

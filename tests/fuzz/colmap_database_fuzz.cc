@@ -19,7 +19,7 @@ rotunda::FrameSet MakeSet() {
 /// COLMAP's database.db: matches that are accepted lie within the keypoints.
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace rotunda;
-  const fuzz::MemoryFile file(data, size);
+  const fuzz::InputFile file(data, size);
   const auto database = sfm::ReadColmapDatabase(file.path(), MakeSet());
   if (!database) return 0;
   for (const sfm::PairMatches& pair : database->matches.pairs) {

@@ -1,15 +1,17 @@
 #include "tests/fuzz/fuzz_input.h"
 
-#include <sys/mman.h>
 #include <unistd.h>
 
 namespace rotunda::fuzz {
 
-MemoryFile::MemoryFile(const uint8_t* data, size_t size) : fd_(memfd_create("fuzz", MFD_CLOEXEC)) {
-  Require(fd_ >= 0 && write(fd_, data, size) == static_cast<ssize_t>(size), "a memory file");
-  path_ = "/proc/self/fd/" + std::to_string(fd_);
+InputFile::InputFile(const uint8_t* data, size_t size) {
+  std::string name = std::filesystem::temp_directory_path() / "rotunda-fuzz-XXXXXX";
+  const int fd = mkstemp(name.data());
+  Require(fd >= 0 && write(fd, data, size) == static_cast<ssize_t>(size) && close(fd) == 0,
+          "the temporary folder takes a file");
+  path_ = name;
 }
 
-MemoryFile::~MemoryFile() { close(fd_); }
+InputFile::~InputFile() { std::filesystem::remove(path_); }
 
 }  // namespace rotunda::fuzz

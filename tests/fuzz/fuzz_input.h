@@ -18,17 +18,17 @@ inline void Require(bool holds, const char* what) {
   std::abort();
 }
 
-/// Bytes that have a path, in memory alone.
-class MemoryFile {
+/// Bytes in a file under the system's temporary folder, removed in the end. (Not a memory file:
+/// SQLite follows the link in /proc to a name that is not there.)
+class InputFile {
  public:
-  MemoryFile(const uint8_t* data, size_t size);
-  ~MemoryFile();
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
+  InputFile(const uint8_t* data, size_t size);
+  ~InputFile();
+  InputFile(const InputFile&) = delete;
+  InputFile& operator=(const InputFile&) = delete;
   const std::filesystem::path& path() const { return path_; }
 
  private:
-  int fd_;
   std::filesystem::path path_;
 };
 

@@ -4,7 +4,7 @@
 /// PNG, JPEG and EXIF: the header's size is that of the decoded picture.
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace rotunda;
-  const fuzz::MemoryFile file(data, size);
+  const fuzz::InputFile file(data, size);
   const auto header = sfm::ReadPictureSize(file.path());
   const auto exif = sfm::ReadExifFocal(file.path(), 4000, 3000);
   fuzz::Require(!exif || exif->focal_px > 0, "a focal length is positive");

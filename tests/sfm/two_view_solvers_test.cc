@@ -116,9 +116,8 @@ TEST_P(FivePoint, FindsTheTrueEssentialMatrix) {
     EXPECT_LE(solutions.size(), 10U);
     errors.push_back(NearestSolution(solutions, problem.Essential()));
   }
-  EXPECT_LT(Quantile(errors, 0.5), 1e-11);
-  EXPECT_LT(Quantile(errors, 0.95), 1e-6);
-  EXPECT_LT(Quantile(errors, 0.99), 1e-4);
+  EXPECT_LT(Quantile(errors, 0.5), 1e-12);
+  EXPECT_LT(Quantile(errors, 0.99), 1e-6);
 }
 INSTANTIATE_TEST_SUITE_P(DepthSpread, FivePoint, testing::Values(2.0, 0.02, 0.0));
 
@@ -142,8 +141,8 @@ TEST(FivePoint, SolutionsAreEssentialMatricesThroughTheSample) {
     }
   }
   EXPECT_LT(Quantile(epipolar, 1.0), 1e-10);  // exact by construction: E lies in the null space
-  EXPECT_LT(Quantile(determinants, 0.97), 1e-6);
-  EXPECT_LT(Quantile(traces, 0.97), 1e-6);
+  EXPECT_LT(Quantile(determinants, 0.99), 1e-6);
+  EXPECT_LT(Quantile(traces, 0.99), 1e-6);
 }
 
 TEST(SevenPoint, FindsTheTrueFundamentalMatrix) {

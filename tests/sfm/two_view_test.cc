@@ -99,6 +99,23 @@ TEST(BuildTwoViews, RotationAloneIsPanoramic) {
   }
 }
 
+// A volume seen from one step aside: parallax of many pixels, so neither homography nor rotation
+// explain it, but under an angle that is asked to be larger.
+TEST(BuildTwoViews, SmallAnglesArePanoramic) {
+  const TwoViewScene scene = MakeTwoViewScene({.points = 200, .noise_px = 0.3, .seed = 5});
+  const TwoView apart = Build(scene).pairs.at(0);
+  ASSERT_EQ(apart.kind, TwoViewKind::kCalibrated);
+  const auto with_angle = [&](double angle_rad) {
+    return Build(scene, 1, {.min_angle_rad = angle_rad}).pairs.at(0);
+  };
+  EXPECT_EQ(with_angle(0.9 * apart.median_angle_rad).kind, TwoViewKind::kCalibrated);
+  const TwoView near = with_angle(1.1 * apart.median_angle_rad);
+  EXPECT_EQ(near.kind, TwoViewKind::kPanoramic);
+  EXPECT_EQ(near.second_from_first.translation, Eigen::Vector3d::Zero());
+  EXPECT_EQ(near.median_angle_rad, 0);
+  EXPECT_LT(RotationError_deg(near, scene), 0.1);
+}
+
 TEST(BuildTwoViews, AssumedFocalLengthsAreUsedWhenTheyExplainTheMatches) {
   for (uint64_t seed = 0; seed < 10; ++seed) {
     TwoViewScene scene =
