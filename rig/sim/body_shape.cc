@@ -386,7 +386,9 @@ float BodyShape::Head(const Vector3f& h) const {
   const float bun = Ellipsoid(q, {-0.055f, 0, 1.56f - 0.03f * f.hair_length},
                               {0.055f, 0.068f, 0.06f + 0.02f * f.hair_length});
   const float mass = f.hair_length > 0.5f ? SmoothMin(cranium, bun, 0.03f) : cranium;
-  return SmoothMin(d, mass - hair * (1.0f + tuft), 0.004f);
+  // Rounded off where the hair thins out, so that long hair does not end in a step.
+  const float end = 2.0f * (0.004f - hair);
+  return SmoothMin(d, SmoothMax(mass - hair * (1.0f + tuft), end, 0.004f), 0.004f);
 }
 
 /// Cloth relief, metres outward: slow waves, and sharp folds where cloth gathers (elbows, knees,
