@@ -1,7 +1,5 @@
 #include <algorithm>
 #include <charconv>
-#include <cmath>
-#include <limits>
 #include <string_view>
 #include <system_error>
 #include <utility>

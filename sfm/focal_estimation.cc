@@ -19,7 +19,7 @@ constexpr int kSteps = 12;
 constexpr double kStepRatio = 1.08;
 constexpr size_t kGridSize = 2 * kSteps + 1;
 /// Least fall of the mean log squared error for a factor to replace the guess.
-constexpr double kMinFall = 0.05;
+constexpr double kMinFall = 0.01;
 constexpr int kRefineIterations = 15;
 
 CameraIntrinsics Scaled(CameraIntrinsics lens, double factor) {
@@ -43,8 +43,16 @@ std::vector<Correspondence> Correspondences(const Features& features, const TwoV
   return data;
 }
 
+double SumOfSampson(const Rigid3& second_from_first, const std::vector<Correspondence>& data) {
+  const Eigen::Matrix3d essential = EssentialFromPose(second_from_first);
+  double sum = 0;
+  for (const Correspondence& c : data) sum += SquaredSampson(essential, c);
+  return sum;
+}
+
 /// Log of the mean squared Sampson distance, in pixels, of the pair's best pose at every factor of
-/// the grid. The pose at one factor starts from its neighbour's, nearer to 1.
+/// the grid. The pose at one factor starts from its neighbour's, nearer to 1, and from the pair's
+/// own; the better end counts.
 std::array<double, kGridSize> LogErrors(const Features& features, const Intrinsics& guessed,
                                         const TwoView& pair) {
   std::array<double, kGridSize> errors;
@@ -55,10 +63,14 @@ std::array<double, kGridSize> LogErrors(const Features& features, const Intrinsi
       const CameraIntrinsics first = Scaled(guessed.of(pair.pair.first), factor);
       const CameraIntrinsics second = Scaled(guessed.of(pair.pair.second), factor);
       const std::vector<Correspondence> data = Correspondences(features, pair, first, second);
-      pose = RefinePose(pose, data, kRefineIterations);
-      const Eigen::Matrix3d essential = EssentialFromPose(pose);
-      double sum = 0;
-      for (const Correspondence& c : data) sum += SquaredSampson(essential, c);
+      double sum = std::numeric_limits<double>::infinity();
+      for (const Rigid3& start : {Rigid3(pose), pair.second_from_first}) {
+        const Rigid3 refined = RefinePose(start, data, kRefineIterations);
+        const double error = SumOfSampson(refined, data);
+        if (!(error < sum)) continue;
+        sum = error;
+        pose = refined;
+      }
       const double focal_px = 0.5 * (first.MeanFocal_px() + second.MeanFocal_px());
       constexpr double kLeastError_px2 = 1e-6;  // exact matches: below the keypoints' rounding
       errors[static_cast<size_t>(kSteps + direction * step)] =

@@ -372,7 +372,8 @@ double ModelBuilder::RobustSigma() const {
     }
   }
   // The squared length of a 2-D Gaussian has its median at 2 ln 2 sigma^2.
-  return std::sqrt(Median(std::move(squares)) / (2.0 * std::log(2.0)));
+  constexpr double kLeastSigma = 0.01;
+  return std::max(kLeastSigma, std::sqrt(Median(std::move(squares)) / (2.0 * std::log(2.0))));
 }
 
 size_t ModelBuilder::Filter(double max_error_px, double max_sigmas) {

@@ -28,6 +28,9 @@ class ModelBuilder {
   bool IsRegistered(ImageId image) const { return model_.Registered(image); }
   size_t PointCount() const { return live_points_; }
   size_t ObservationCount() const;
+  /// Standard deviation of the weighted residuals from their median, per axis, in units of
+  /// KeypointSigma_px; at least 0.01, which only exact keypoints are below.
+  double RobustSigma() const;
 
   /// Pose of an unregistered image; kFailed says what was lacking. Safe to call side by side.
   Result<AbsolutePose> EstimatePose(ImageId image, size_t min_inliers) const;
@@ -72,7 +75,6 @@ class ModelBuilder {
   void RemovePoint(size_t point);
   void Compact();
   void NormalizeRefinedLenses();
-  double RobustSigma() const;
   std::vector<ImageId> LocalImages(const std::vector<ImageId>& images) const;
   std::vector<double> FocalFactors(ImageId image) const;
 

@@ -1,5 +1,4 @@
 #include <bit>
-#include <cstring>
 
 #include "sfm/colmap_io.h"
 #include "sfm/core/file_io.h"

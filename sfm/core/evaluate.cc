@@ -11,7 +11,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kMm = 1000.0;                // millimetres a metre
+constexpr double kMm = 1000.0;  // millimetres a metre
 
 /// A camera that is in both, each pose in its own frame.
 struct Pair {

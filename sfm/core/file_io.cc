@@ -1,12 +1,10 @@
 #include "sfm/core/file_io.h"
 
-#include <dirent.h>
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
-#include <cstring>
 #include <functional>
 #include <system_error>
 #include <utility>

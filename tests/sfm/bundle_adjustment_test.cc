@@ -122,7 +122,7 @@ TEST_F(BundleAdjustmentTest, RobustLossesBearMismatchesThatLeastSquaresDoesNot) 
     Reconstruction model = start;
     BundleAdjustmentOptions adjustment;
     adjustment.loss = loss;
-    adjustment.loss_scale = 1.0;
+    adjustment.loss_scale = 3.0;
     EXPECT_TRUE(AdjustBundle(model, features, AllImages(world), adjustment, context_));
     return ErrorsOf(model, world.cam_from_world).max_position;
   };
