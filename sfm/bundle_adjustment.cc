@@ -367,8 +367,8 @@ Result<BundleAdjustmentReport> AdjustBundle(Reconstruction& reconstruction,
 }
 
 double KeypointSigma_px(const Keypoint& keypoint) {
-  // sqrt(floor^2 + (slope x scale)^2), fitted to the residuals of adjusted photographs and renderings
-  // over the scale, so that sigma0 comes out near 1.
+  // sqrt(floor^2 + (slope x scale)^2), fitted to the residuals of adjusted photographs and
+  // renderings over the scale.
   constexpr double kFloor_px = 0.13;
   constexpr double kSlope = 0.052;
   return std::hypot(kFloor_px, kSlope * keypoint.scale_px);

@@ -97,7 +97,8 @@ InterruptWatch::InterruptWatch() {
 InterruptWatch::~InterruptWatch() = default;
 
 int Fail(const Error& error) {
-  std::fprintf(stderr, "rotunda: %s\n", error.ToString().c_str());
+  const std::string reason = error.code == ErrorCode::kCancelled ? "interrupted" : error.ToString();
+  std::fprintf(stderr, "rotunda: %s\n", reason.c_str());
   return error.code == ErrorCode::kInvalidArgument ? kWrongUsage : kFailed;
 }
 

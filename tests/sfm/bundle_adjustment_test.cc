@@ -61,8 +61,7 @@ TEST_F(BundleAdjustmentTest, ConvergesToTheTruthWithoutNoise) {
   EXPECT_TRUE(report->converged);
   // What rounding of the keypoints leaves: rounding / focal length, times the camera's distance.
   const double angle_rad = kKeypointRounding_px / kFocal_px;
-  EXPECT_EQ(test::NotNear(model, world.cam_from_world, 10 * angle_rad, 10 * 1.7 * angle_rad),
-            "");
+  EXPECT_EQ(test::NotNear(model, world.cam_from_world, 10 * angle_rad, 10 * 1.7 * angle_rad), "");
 }
 
 TEST_F(BundleAdjustmentTest, HoldsTheFirstPoseAndOneDistance) {

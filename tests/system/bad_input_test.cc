@@ -108,7 +108,7 @@ const std::vector<Row>& Rows() {
          fs::create_directory(folder / "empty");
          return Arguments{folder / "empty"};
        },
-       {"empty", "no picture"}},
+       {"empty", "pictures", "found none"}},
       {"OnePicture",
        [](Folder folder, Folder set) {
          fs::create_directory(folder / "one");
