@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <functional>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -111,10 +112,9 @@ ImageFeatures Detect(const cv::Mat& bgr, const FeatureOptions& options) {
   return features;
 }
 
-Result<ImageFeatures> FeaturesOfFrame(const FrameSet& set, ImageId id,
-                                      const FeatureOptions& options) {
+/// The frame's picture, of the size the frame set says, if it says one.
+Result<cv::Mat> ReadFrame(const FrameSet& set, ImageId id) {
   const Frame& frame = set.frame(id);
-  if (frame.status != "ok") return ImageFeatures{frame.width_px, frame.height_px, {}, {}, {}};
   const std::filesystem::path file = set.PicturePath(id);
   ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadPicture(file, frame.pixel_format));
   const bool size_known = frame.width_px > 0 && frame.height_px > 0;
@@ -125,11 +125,43 @@ Result<ImageFeatures> FeaturesOfFrame(const FrameSet& set, ImageId id,
                      std::to_string(frame.height_px),
                  file.string()};
   }
+  return bgr;
+}
+
+Result<ImageFeatures> FeaturesOfFrame(const FrameSet& set, ImageId id,
+                                      const FeatureOptions& options) {
+  const Frame& frame = set.frame(id);
+  if (frame.status != "ok") return ImageFeatures{frame.width_px, frame.height_px, {}, {}, {}};
+  ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadFrame(set, id));
   try {
     return Detect(bgr, options);
   } catch (const cv::Exception& exception) {
-    return Error{ErrorCode::kFailed, "SIFT failed: " + exception.err, file.string()};
+    return Error{ErrorCode::kFailed, "SIFT failed: " + exception.err, set.PicturePath(id).string()};
   }
+}
+
+/// `make(i)` for every picture of the set, on all threads; the first error in the set's order.
+Result<Features> ForEveryFrame(const char* stage, const FrameSet& set, RunContext& context,
+                               const std::function<Result<ImageFeatures>(size_t)>& make) {
+  const size_t count = set.frames.size();
+  std::vector<std::optional<Result<ImageFeatures>>> made(count);
+  std::atomic<size_t> done{0};
+  context.threads.ParallelFor(
+      count,
+      [&](size_t i) {
+        made[i] = make(i);
+        context.Report(stage, ++done, count);
+      },
+      context.stop);
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped", stage};
+
+  Features features;
+  features.images.reserve(count);
+  for (std::optional<Result<ImageFeatures>>& image : made) {
+    if (!image->ok()) return image->error();
+    features.images.push_back(std::move(**image));
+  }
+  return features;
 }
 
 }  // namespace
@@ -155,25 +187,23 @@ Result<Features> BuildFeatures(const FrameSet& set, const FeatureOptions& option
                                RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
   const SerialOpenCv serial;
-  const size_t count = set.frames.size();
-  std::vector<std::optional<Result<ImageFeatures>>> found(count);
-  std::atomic<size_t> done{0};
-  context.threads.ParallelFor(
-      count,
-      [&](size_t i) {
-        found[i] = FeaturesOfFrame(set, ImageId(i), options);
-        context.Report("features", ++done, count);
-      },
-      context.stop);
-  if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped", "features"};
+  return ForEveryFrame("features", set, context,
+                       [&](size_t i) { return FeaturesOfFrame(set, ImageId(i), options); });
+}
 
-  Features features;
-  features.images.reserve(count);
-  for (std::optional<Result<ImageFeatures>>& image : found) {
-    if (!image->ok()) return image->error();
-    features.images.push_back(std::move(**image));
-  }
-  return features;
+Result<Features> ColoredFeatures(const Features& features, const FrameSet& set,
+                                 RunContext& context) {
+  const SerialOpenCv serial;
+  return ForEveryFrame("colours", set, context, [&](size_t i) -> Result<ImageFeatures> {
+    ImageFeatures image = features.images[i];
+    if (image.keypoints.empty()) return image;
+    ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadFrame(set, ImageId(i)));
+    image.colors_rgb.clear();
+    for (const Keypoint& keypoint : image.keypoints) {
+      image.colors_rgb.push_back(ColorAt(bgr, keypoint));
+    }
+    return image;
+  });
 }
 
 }  // namespace rotunda::sfm

@@ -53,4 +53,9 @@ struct FeatureOptions {
 Result<Features> BuildFeatures(const FrameSet& set, const FeatureOptions& options,
                                RunContext& context);
 
+/// The same features with colours taken from the set's pictures, for those that came without
+/// pictures (a COLMAP database). Errors as BuildFeatures.
+Result<Features> ColoredFeatures(const Features& features, const FrameSet& set,
+                                 RunContext& context);
+
 }  // namespace rotunda::sfm

@@ -112,8 +112,10 @@ Result<FrontEnd> RunFrontEnd(const Run& run) {
     run.context.Report("database", 0, 1);
     ROTUNDA_ASSIGN_OR_RETURN(ColmapDatabase database,
                              ReadColmapDatabase(*run.options.database, run.set));
-    front.features = std::move(database.features);
-    matches = std::move(database.matches);
+    ROTUNDA_ASSIGN_OR_RETURN(front.features,
+                             ColoredFeatures(database.features, run.set, run.context));
+    matches =
+        std::move(database.matches.pairs.empty() ? database.verified_inliers : database.matches);
   } else {
     ROTUNDA_ASSIGN_OR_RETURN(front.features, MakeFeatures(run));
   }
@@ -170,6 +172,8 @@ PoseSet DescribePoses(const Run& run, const IncrementalResult& models,
   return poses;
 }
 
+/// Only for calibrated lenses: a principal point that is merely taken to be in the middle puts
+/// errors into the poses that the covariance does not see.
 void AddSigmas(const PoseCovariances& covariances, PoseSet& poses) {
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
     if (covariances.images[i]) poses.cameras[i].sigma = SigmaOf(*covariances.images[i]);
@@ -223,7 +227,7 @@ Result<PipelineResult> Finish(const Run& run, FrontEnd front, IncrementalResult 
   }
   PoseSet poses = DescribePoses(run, models, model, front.features);
   poses.options = DescribeOptions(run, refine_intrinsics);
-  AddSigmas(covariances, poses);
+  if (front.intrinsics.known) AddSigmas(covariances, poses);
   if (alignment) AddCalibrationFigures(*alignment, *run.calibration, poses);
 
   PipelineResult result{run.set, std::move(front.features), std::move(model), std::move(poses)};
