@@ -195,7 +195,7 @@ class Adjustment {
     return true;
   }
 
-  BundleAdjustmentReport Solve() {
+  Result<BundleAdjustmentReport> Solve() {
     ceres::Solver::Options solver;
     solver.max_num_iterations = options_.max_iterations;
     solver.function_tolerance = options_.function_tolerance;
@@ -205,7 +205,9 @@ class Adjustment {
     for (size_t i = 0; i < poses_.size(); ++i) free += poses_[i].used && is_free_[i];
     solver.linear_solver_type = free > kMaxDenseImages ? ceres::SPARSE_SCHUR : ceres::DENSE_SCHUR;
     solver.linear_solver_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-    for (double* point : points_) solver.linear_solver_ordering->AddElementToGroup(point, 0);
+    for (Point3* point : points_) {
+      solver.linear_solver_ordering->AddElementToGroup(point->position.data(), 0);
+    }
     for (PoseBlock& pose : poses_) {
       if (pose.used) solver.linear_solver_ordering->AddElementToGroup(pose.values.data(), 1);
     }
@@ -214,8 +216,13 @@ class Adjustment {
     }
     ceres::Solver::Summary summary;
     ceres::Solve(solver, problem_.get(), &summary);
-    return {summary.termination_type == ceres::CONVERGENCE,
-            static_cast<int>(summary.iterations.size()), summary.initial_cost, summary.final_cost};
+    if (!summary.IsSolutionUsable()) {
+      for (size_t p = 0; p < points_.size(); ++p) points_[p]->position = starts_[p];
+      return Error{ErrorCode::kFailed, summary.message, "bundle adjustment"};
+    }
+    return BundleAdjustmentReport{summary.termination_type == ceres::CONVERGENCE,
+                                  static_cast<int>(summary.iterations.size()), summary.initial_cost,
+                                  summary.final_cost};
   }
 
   void Store() {
@@ -247,7 +254,8 @@ class Adjustment {
       seen_by_free = seen_by_free || is_free_[observation.image.index()];
     }
     if (registered < 2 || !seen_by_free) return;
-    points_.push_back(point.position.data());
+    points_.push_back(&point);
+    starts_.push_back(point.position);
     for (const Observation& observation : point.observations) {
       if (reconstruction_.Registered(observation.image)) AddObservation(point, observation);
     }
@@ -328,7 +336,8 @@ class Adjustment {
   std::vector<PoseBlock> poses_;
   std::vector<LensBlock> lenses_;
   std::vector<bool> is_free_;
-  std::vector<double*> points_;
+  std::vector<Point3*> points_;
+  std::vector<Eigen::Vector3d> starts_;  // parallel to points_: the solver moves them in place
   std::deque<ReprojectionCost> costs_;
   std::unique_ptr<ScaleGaugeCost> gauge_;
   std::vector<std::unique_ptr<ceres::Manifold>> manifolds_;
@@ -361,7 +370,7 @@ Result<BundleAdjustmentReport> AdjustBundle(Reconstruction& reconstruction,
     return Error{ErrorCode::kInvalidArgument, "no free image sees a point of two images",
                  "bundle adjustment"};
   }
-  const BundleAdjustmentReport report = adjustment.Solve();
+  ROTUNDA_ASSIGN_OR_RETURN(const BundleAdjustmentReport report, adjustment.Solve());
   adjustment.Store();
   return report;
 }

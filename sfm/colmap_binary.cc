@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <bit>
 #include <cstring>
 #include <string_view>
@@ -97,7 +98,6 @@ constexpr size_t kMinImageBytes = 4 + 7 * 8 + 4 + 1 + 8;
 constexpr size_t kPoint2Bytes = 8 + 8 + 8;
 constexpr size_t kMinPoint3Bytes = 8 + 3 * 8 + 3 + 8 + 8;
 constexpr size_t kTrackElementBytes = 4 + 4;
-constexpr uint64_t kMaxSide_px = 1000000;
 
 std::string Place(const char* what, size_t index, size_t count) {
   return std::string(what) + " " + std::to_string(index + 1) + " of " + std::to_string(count);
@@ -112,7 +112,7 @@ Result<ColmapCamera> ReadCamera(ByteReader& reader, const std::string& place) {
   if (reader.failed()) return reader.CutShort(place);
   const Result<CameraModel> model = CameraModelFromColmapId(model_id);
   if (!model) return reader.Fail(place, model.error().message);
-  if (width_px > kMaxSide_px || height_px > kMaxSide_px) {
+  if (std::max(width_px, height_px) > uint64_t{kMaxPictureSide_px}) {
     return reader.Fail(place, "picture size " + std::to_string(width_px) + "x" +
                                   std::to_string(height_px) + " is too large");
   }

@@ -28,10 +28,16 @@ struct FinalizeStatement {
 };
 
 /// The file's name for SQLite, opened as a file that nobody writes: no lock, no journal.
-std::string ImmutableUri(const fs::path& file) {
+Result<std::string> ImmutableUri(const fs::path& file) {
   constexpr char kHex[] = "0123456789ABCDEF";
+  std::error_code error;
+  const fs::path absolute = fs::absolute(file, error);
+  if (error) {
+    return Error{ErrorCode::kIo, "cannot tell its absolute path: " + error.message(),
+                 file.string()};
+  }
   std::string uri = "file:";
-  for (const unsigned char c : fs::absolute(file).string()) {
+  for (const unsigned char c : absolute.string()) {
     if (std::isalnum(c) || c == '/' || c == '.' || c == '-' || c == '_') {
       uri += static_cast<char>(c);
     } else {
@@ -165,9 +171,10 @@ class DatabaseReader {
     if (!error && log_bytes > 0) {
       return Fail("has a write-ahead log beside it: it is open elsewhere or was not closed");
     }
+    ROTUNDA_ASSIGN_OR_RETURN(const std::string uri, ImmutableUri(file_));
     sqlite3* database = nullptr;
     const int code =
-        sqlite3_open_v2(ImmutableUri(file_).c_str(), &database,
+        sqlite3_open_v2(uri.c_str(), &database,
                         SQLITE_OPEN_READONLY | SQLITE_OPEN_URI | SQLITE_OPEN_NOMUTEX, nullptr);
     database_.reset(database);
     if (code != SQLITE_OK) return Fail("cannot open: " + std::string(sqlite3_errmsg(database)));

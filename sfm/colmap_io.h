@@ -15,8 +15,9 @@ enum class ColmapEncoding { kBinary, kText };
 
 /// Writes cameras, images and points3D (.bin or .txt) of COLMAP 3.8 into `folder`, which must
 /// exist. Camera ids are lens + 1, image ids are ImageId + 1, names are the frames' files without
-/// their folder. Unregistered images are left out. kInvalidArgument: a keypoint in two points, a
-/// name with white space in text.
+/// their folder, or with it for the whole set where two files would have one name. Unregistered
+/// images are left out. kInvalidArgument: a keypoint in two points, a name with white space in
+/// text.
 Status WriteColmapModel(const Reconstruction& reconstruction, const Features& features,
                         const FrameSet& set, const std::filesystem::path& folder,
                         ColmapEncoding encoding);

@@ -91,16 +91,33 @@ Status AddPoint(const Point3& point, double error_px, std::map<ImageId, ColmapIm
   return {};
 }
 
+/// COLMAP's name of every picture: the file's, or, where two folders of the set have a file of one
+/// name, its path in the set.
+std::vector<std::string> ImageNames(const FrameSet& set) {
+  std::vector<std::string> paths;
+  std::vector<std::string> names;
+  std::set<std::string> different;
+  bool collide = false;
+  for (const Frame& frame : set.frames) {
+    const std::string name = fs::path(frame.file).filename().string();
+    if (!name.empty() && !different.insert(name).second) collide = true;
+    paths.push_back(fs::path(frame.file).lexically_normal().generic_string());
+    names.push_back(name);
+  }
+  return collide ? paths : names;
+}
+
 Result<ColmapRecords> RecordsOf(const Reconstruction& reconstruction, const Features& features,
                                 const FrameSet& set) {
   ColmapRecords records;
   records.cameras = CameraRecords(reconstruction);
+  const std::vector<std::string> names = ImageNames(set);
   std::map<ImageId, ColmapImage> images;
   for (size_t i = 0; i < reconstruction.cam_from_model.size(); ++i) {
     const ImageId id(i);
     if (!reconstruction.Registered(id)) continue;
     ColmapImage image = ImageRecord(reconstruction, features, id);
-    image.name = fs::path(set.frame(id).file).filename().string();
+    image.name = names[i];
     images.emplace(id, std::move(image));
   }
   for (const Point3& point : reconstruction.points) {

@@ -10,7 +10,6 @@ namespace rotunda::sfm {
 namespace {
 
 constexpr std::string_view kWhiteSpace = " \t\r\n\v\f";
-constexpr int kMaxSide_px = 1000000;
 constexpr size_t kNumberLength = 32;
 
 template <typename T>
@@ -126,7 +125,7 @@ Result<std::vector<ColmapCamera>> ReadCameras(const std::string& text) {
     }
     if (!words.problem().empty()) return reader.Fail(words.problem());
     if (!model) return reader.Fail(model.error().message);
-    if (camera.intrinsics.width_px > kMaxSide_px || camera.intrinsics.height_px > kMaxSide_px) {
+    if (std::max(camera.intrinsics.width_px, camera.intrinsics.height_px) > kMaxPictureSide_px) {
       return reader.Fail("the picture size is too large");
     }
     camera.intrinsics.model = *model;

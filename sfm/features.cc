@@ -198,6 +198,13 @@ Result<Features> ColoredFeatures(const Features& features, const FrameSet& set,
     ImageFeatures image = features.images[i];
     if (image.keypoints.empty()) return image;
     ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadFrame(set, ImageId(i)));
+    if (bgr.cols != image.width_px || bgr.rows != image.height_px) {
+      return Error{ErrorCode::kBadInput,
+                   "picture is " + std::to_string(bgr.cols) + "x" + std::to_string(bgr.rows) +
+                       ", its features are of one of " + std::to_string(image.width_px) + "x" +
+                       std::to_string(image.height_px),
+                   set.PicturePath(ImageId(i)).string()};
+    }
     image.colors_rgb.clear();
     for (const Keypoint& keypoint : image.keypoints) {
       image.colors_rgb.push_back(ColorAt(bgr, keypoint));

@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 #include <string_view>
 
+#include "sfm/core/camera.h"
 #include "sfm/core/file_io.h"
 #include "sfm/exif.h"
 
@@ -22,9 +23,6 @@ constexpr std::string_view kPngSignature("\x89PNG\r\n\x1a\n", 8);
 /// The IEND chunk with its checksum. libspng does not mind when it is missing; whoever copies a
 /// file in part should hear of it.
 constexpr std::string_view kPngEnd("\0\0\0\0IEND\xAE\x42\x60\x82", 12);
-
-/// Sides beyond this are refused before memory is asked for.
-constexpr uint32_t kMaxSide_px = 65535;
 
 /// Deflate makes its input at most 1032 times larger (zlib.net/zlib_tech.html).
 constexpr size_t kMaxDeflateRatio = 1032;
@@ -45,7 +43,7 @@ struct RgbPng {
 Result<SpngContext> OpenPng(const std::string& bytes, spng_ihdr& header) {
   SpngContext context(spng_ctx_new(0));
   if (!context) return Error{ErrorCode::kFailed, "no memory for the PNG decoder", ""};
-  int status = spng_set_image_limits(context.get(), kMaxSide_px, kMaxSide_px);
+  int status = spng_set_image_limits(context.get(), kMaxPictureSide_px, kMaxPictureSide_px);
   if (status == 0) status = spng_set_png_buffer(context.get(), bytes.data(), bytes.size());
   if (status == 0) status = spng_get_ihdr(context.get(), &header);
   if (status != 0) return NotAPicture(std::string("not a PNG header: ") + spng_strerror(status));
@@ -198,22 +196,6 @@ std::optional<ExifFocal> ReadExifFocal(const std::filesystem::path& file, int wi
   std::snprintf(focal_text.data(), focal_text.size(), "%.3f/%.3f", tags->focal_mm.value_or(0),
                 focal_px / larger_px);
   return ExifFocal{focal_px, tags->make + "/" + tags->model + "/" + focal_text.data()};
-}
-
-Result<PictureSize> ReadPictureSize(const std::filesystem::path& file) {
-  ROTUNDA_ASSIGN_OR_RETURN(const std::string bytes, ReadBeginning(file, kHeaderBytes));
-  if (std::string_view(bytes).starts_with(kPngSignature)) {
-    spng_ihdr header{};
-    const Result<SpngContext> context = OpenPng(bytes, header);
-    if (!context.ok()) return context.error().In(file.string());
-    return PictureSize{static_cast<int>(header.width), static_cast<int>(header.height)};
-  }
-  const std::optional<JpegStructure> jpeg = ScanJpeg(bytes);
-  if (jpeg && jpeg->width_px > 0 && jpeg->height_px > 0) {
-    return PictureSize{jpeg->width_px, jpeg->height_px};
-  }
-  ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat picture, ReadPicture(file, ""));
-  return PictureSize{picture.cols, picture.rows};
 }
 
 }  // namespace rotunda::sfm

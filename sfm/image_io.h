@@ -25,11 +25,4 @@ struct ExifFocal {
 std::optional<ExifFocal> ReadExifFocal(const std::filesystem::path& file, int width_px,
                                        int height_px);
 
-/// Size in pixels from the header alone, of a PNG or JPEG file (other formats: decoded).
-struct PictureSize {
-  int width_px = 0;
-  int height_px = 0;
-};
-Result<PictureSize> ReadPictureSize(const std::filesystem::path& file);
-
 }  // namespace rotunda::sfm

@@ -32,6 +32,11 @@ constexpr double kLeastPnpShare = 0.5;
 /// than this share of the observations.
 constexpr double kSettledShare = 0.01;
 constexpr int kMaxFinalRounds = 4;
+/// Observations that must hold an image in the finished model: as many as a pair needs matches.
+/// Poses are accepted at a wider error than observations, so an image can lose all of them.
+constexpr size_t kMinHeldObservations = 15;
+/// Lenses are refined only in models of at least this many images: fewer do not determine them.
+constexpr size_t kMinImagesToRefine = 4;
 /// Residuals of keypoints have heavier tails than a Gaussian: the last adjustments use the Cauchy
 /// loss at this many robust standard deviations, and only what is further off than kMaxSigmas of
 /// them is taken for a mismatch. On a rendered set of 90 cameras, cutting at 4 and adjusting by
@@ -180,7 +185,7 @@ class Grower {
     const auto batch =
         std::clamp(static_cast<size_t>(kBatchShare * static_cast<double>(builder_.Registered())),
                    size_t{1}, std::min(kMaxBatch, candidates.size()));
-    std::vector<std::optional<Result<AbsolutePose>>> poses(batch);
+    std::vector<std::optional<Result<ImageEstimate>>> poses(batch);
     growth_.context.threads.ParallelFor(batch, [&](size_t i) {
       poses[i] = builder_.EstimatePose(candidates[i], MinInliers(relaxed));
     });
@@ -241,9 +246,21 @@ class Grower {
   double points_at_global_ = 0;
 };
 
+/// Takes images out that too little holds; says why, and whether there were any.
+bool DropWeakImages(ModelBuilder& builder, Growth& growth) {
+  const std::vector<WeakImage> weak = builder.UnregisterWeak(kMinHeldObservations);
+  for (const WeakImage& w : weak) {
+    growth.reasons[w.image.index()] =
+        "only " + std::to_string(w.observations) + " observations hold after adjustment";
+  }
+  return !weak.empty();
+}
+
 /// All tracks: rounds of triangulation, robust adjustment and filtering until mismatches are gone,
-/// then one adjustment to convergence.
-Status Finish(ModelBuilder& builder, const IncrementalOptions& options) {
+/// then one adjustment to convergence of the images that enough observations hold. What is left
+/// may be too small for a model.
+Status Finish(ModelBuilder& builder, Growth& growth) {
+  const IncrementalOptions& options = growth.options;
   BundleAdjustmentOptions adjustment;
   adjustment.loss = Loss::kCauchy;
   adjustment.function_tolerance = 1e-4;
@@ -259,12 +276,30 @@ Status Finish(ModelBuilder& builder, const IncrementalOptions& options) {
       break;
     }
   }
-  adjustment.loss_scale = kFinalLossScale * builder.RobustSigma();
   adjustment.function_tolerance = 1e-7;
   adjustment.max_iterations = 50;
-  ROTUNDA_RETURN_IF_ERROR(builder.AdjustGlobally(adjustment));
-  builder.Filter(options.max_reprojection_px, kMaxSigmas);
+  DropWeakImages(builder, growth);
+  do {
+    if (builder.Registered() < options.min_model_images) return {};
+    adjustment.loss_scale = kFinalLossScale * builder.RobustSigma();
+    ROTUNDA_RETURN_IF_ERROR(builder.AdjustGlobally(adjustment));
+    builder.Filter(options.max_reprojection_px, kMaxSigmas);
+  } while (DropWeakImages(builder, growth));
   return {};
+}
+
+/// From an initialised pair to a finished model; kFailed when it ends with too few images or an
+/// adjustment fails.
+Status Complete(ModelBuilder& builder, Growth& growth) {
+  const auto check_size = [&]() -> Status {
+    if (builder.Registered() >= growth.options.min_model_images) return {};
+    return Error{ErrorCode::kFailed,
+                 "its model stays at " + std::to_string(builder.Registered()) + " images", kStage};
+  };
+  ROTUNDA_RETURN_IF_ERROR(Grower(growth, builder).Run());
+  ROTUNDA_RETURN_IF_ERROR(check_size());
+  ROTUNDA_RETURN_IF_ERROR(Finish(builder, growth));
+  return check_size();
 }
 
 /// The next model from images of no model yet; nullopt when none begins or none gets big enough.
@@ -277,21 +312,12 @@ Result<std::optional<Reconstruction>> NextModel(Growth& growth, std::string& lac
     const TwoView& pair = growth.input.two_views.pairs[candidate.two_view];
     const double factor = std::pow(0.5, candidate.relaxation);
     ModelBuilder builder(growth.input, growth.options, growth.growing_tracks, growth.context);
-    const Status begun = builder.Initialize(pair, kLeastInitialInliers,
-                                            0.5 * factor * growth.options.min_initial_angle_rad);
-    if (!begun.ok()) {
-      if (begun.error().code == ErrorCode::kCancelled) return begun.error();
-      lacking = begun.error().message;
-      continue;
-    }
-    Grower grower(growth, builder);
-    ROTUNDA_RETURN_IF_ERROR(grower.Run());
-    if (builder.Registered() < growth.options.min_model_images) {
-      lacking = "its model stays at " + std::to_string(builder.Registered()) + " images";
-      continue;
-    }
-    ROTUNDA_RETURN_IF_ERROR(Finish(builder, growth.options));
-    return std::optional<Reconstruction>(builder.Take());
+    Status built = builder.Initialize(pair, kLeastInitialInliers,
+                                      0.5 * factor * growth.options.min_initial_angle_rad);
+    if (built.ok()) built = Complete(builder, growth);
+    if (built.ok()) return std::optional<Reconstruction>(builder.Take());
+    if (built.error().code == ErrorCode::kCancelled) return built.error();
+    lacking = built.error().message;
   }
   return std::optional<Reconstruction>();
 }
@@ -346,9 +372,13 @@ Status IncrementalOptions::Validate() const {
     return bad("min_pnp_inlier_ratio", min_pnp_inlier_ratio, "0 to 1");
   }
   if (!(global_ba_growth > 1)) return bad("global_ba_growth", global_ba_growth, "> 1");
-  if (min_model_images < 2) return bad("min_model_images", min_model_images, ">= 2");
+  if (min_model_images < 3) return bad("min_model_images", min_model_images, ">= 3");
   if (max_models < 1) return bad("max_models", max_models, ">= 1");
   return {};
+}
+
+bool RefinesIntrinsics(size_t registered_images, const IncrementalOptions& options) {
+  return options.refine_intrinsics && registered_images >= kMinImagesToRefine;
 }
 
 namespace {

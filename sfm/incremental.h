@@ -35,10 +35,15 @@ struct IncrementalOptions {
   double min_pnp_inlier_ratio = 0.25;
   double global_ba_growth = 1.1;  // global BA when images or points grew by this factor
   size_t local_ba_images = 6;
-  size_t min_model_images = 3;
+  size_t min_model_images = 3;  // at least 3: fewer have no similarity fit, hence no covariance
   size_t max_models = 20;
   Status Validate() const;
 };
+
+/// Whether the lenses of a model of so many images are refined: when that is asked for and the
+/// images are enough to determine them. The last adjustment of a finished model went by this, so
+/// it is what BuildPoseCovariances has to be told of it.
+bool RefinesIntrinsics(size_t registered_images, const IncrementalOptions& options);
 
 struct UnregisteredImage {
   ImageId image;
@@ -53,8 +58,9 @@ struct IncrementalResult {
 
 /// Incremental structure from motion (Schoenberger & Frahm, CVPR 2016): initial pair, next image by
 /// P3P + LO-RANSAC + refinement, triangulation, local and global bundle adjustment, filtering,
-/// retriangulation; what is left over starts a model of its own. kFailed when no pair initialises:
-/// the message says what the best pair lacked.
+/// retriangulation. An image that too few observations hold in the end is taken out again. What is
+/// left over starts a model of its own. kFailed when no pair initialises: the message says what the
+/// best pair lacked.
 Result<IncrementalResult> BuildReconstructions(const IncrementalInput& input,
                                                const IncrementalOptions& options,
                                                RunContext& context);

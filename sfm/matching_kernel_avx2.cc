@@ -4,8 +4,13 @@
 
 #include "sfm/matching_kernel.h"
 
+#if defined(__clang__)
+#pragma clang diagnostic ignored "-Wunknown-pragmas"  // GCC unroll; clang unrolls by itself
+#pragma clang attribute push(__attribute__((target("avx2"))), apply_to = function)
+#else
 #pragma GCC push_options
 #pragma GCC target("avx2")
+#endif
 #include "sfm/matching_tile.h"
 
 namespace rotunda::sfm {
@@ -75,6 +80,10 @@ void NearestAvx2(const DescriptorView& rows, const DescriptorView& cols,
 }
 
 }  // namespace rotunda::sfm
+#if defined(__clang__)
+#pragma clang attribute pop
+#else
 #pragma GCC pop_options
+#endif
 
 #endif

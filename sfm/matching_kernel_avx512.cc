@@ -4,11 +4,17 @@
 
 #include "sfm/matching_kernel.h"
 
+#if defined(__clang__)
+#pragma clang diagnostic ignored "-Wunknown-pragmas"  // GCC unroll; clang unrolls by itself
+#pragma clang attribute push(__attribute__((target("avx512f,avx512bw,avx512vnni"))), \
+                             apply_to = function)
+#else
 // GCC 12 takes the undefined pass-through operand of its own intrinsics for a mistake (GCC bug
 // 105593).
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #pragma GCC push_options
 #pragma GCC target("avx512f,avx512bw,avx512vnni")
+#endif
 #include "sfm/matching_tile.h"
 
 namespace rotunda::sfm {
@@ -95,6 +101,10 @@ void NearestAvx512Vnni(const DescriptorView& rows, const DescriptorView& cols,
 }
 
 }  // namespace rotunda::sfm
+#if defined(__clang__)
+#pragma clang attribute pop
+#else
 #pragma GCC pop_options
+#endif
 
 #endif

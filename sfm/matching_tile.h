@@ -5,10 +5,10 @@
 
 #include "sfm/matching_kernel.h"
 
-/// The walk over tiles that the vector kernels share. Included by each of them below its `#pragma
-/// GCC target`, and in an unnamed namespace throughout: no function compiled for one instruction
-/// set may stand in for another translation unit's. For the same reason nothing of the standard
-/// library is called.
+/// The walk over tiles that the vector kernels share. Included by each of them below the pragma
+/// that sets its instruction set, and in an unnamed namespace throughout: no function compiled for
+/// one instruction set may stand in for another translation unit's. For the same reason nothing of
+/// the standard library is called.
 ///
 /// A `Simd` type gives
 ///   kLanes            inner products a vector

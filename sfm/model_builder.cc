@@ -11,8 +11,6 @@ namespace rotunda::sfm {
 namespace {
 
 constexpr size_t kNoPoint = SIZE_MAX;
-/// Lenses are refined only in models of at least this many images: fewer do not determine them.
-constexpr size_t kMinImagesToRefine = 4;
 /// Focal lengths tried for a lens that nothing is known of, in assumed ones.
 constexpr std::array<double, 8> kFocalFactors = {1.0, 0.5, 0.63, 0.79, 1.26, 1.59, 2.0, 2.5};
 /// Share of an initial pair's tracks that must survive as points.
@@ -110,9 +108,14 @@ Status ModelBuilder::Initialize(const TwoView& pair, size_t min_points, double m
   return {};
 }
 
+bool ModelBuilder::LensIsOpen(ImageId image) const {
+  return options_.refine_intrinsics &&
+         !lens_refined_[model_.intrinsics.lens_of_image[image.index()]];
+}
+
 std::vector<double> ModelBuilder::FocalFactors(ImageId image) const {
+  if (!LensIsOpen(image)) return {1.0};
   const size_t lens = model_.intrinsics.lens_of_image[image.index()];
-  if (!options_.refine_intrinsics || lens_refined_[lens]) return {1.0};
   std::vector<double> factors(kFocalFactors.begin(), kFocalFactors.end());
   std::vector<double> known;
   for (size_t l = 0; l < lens_refined_.size(); ++l) {
@@ -128,7 +131,7 @@ std::vector<double> ModelBuilder::FocalFactors(ImageId image) const {
   return factors;
 }
 
-Result<AbsolutePose> ModelBuilder::EstimatePose(ImageId image, size_t min_inliers) const {
+Result<ImageEstimate> ModelBuilder::EstimatePose(ImageId image, size_t min_inliers) const {
   AbsolutePoseInput input;
   input.focal_px = FocalOf(image);
   for (const ImageTrack& entry : tracks_of_image_[image.index()]) {
@@ -153,21 +156,64 @@ Result<AbsolutePose> ModelBuilder::EstimatePose(ImageId image, size_t min_inlier
                      std::to_string(needed) + " are needed",
                  ""};
   }
-  return pose;
+  ImageEstimate estimate = {pose.cam_from_model, std::nullopt};
+  if (LensIsOpen(image)) estimate.focal_px = pose.focal_factor * input.focal_px;
+  return estimate;
 }
 
-void ModelBuilder::Register(ImageId image, const AbsolutePose& pose) {
-  const size_t lens = model_.intrinsics.lens_of_image[image.index()];
-  if (pose.focal_factor != 1.0 && !lens_refined_[lens]) {
-    CameraIntrinsics& intrinsics = model_.intrinsics.lenses[lens];
-    for (size_t p = 0; p < intrinsics.params.size(); ++p) {
-      if (IsFocal(intrinsics.model, p)) intrinsics.params[p] *= pose.focal_factor;
-    }
-    for (size_t i = 0; i < normalized_.size(); ++i) {
-      if (model_.intrinsics.lens_of_image[i] == lens) NormalizeKeypoints(ImageId(i));
-    }
+void ModelBuilder::SetFocal(size_t lens, double focal_px) {
+  CameraIntrinsics& intrinsics = model_.intrinsics.lenses[lens];
+  const double factor = focal_px / intrinsics.MeanFocal_px();
+  for (size_t p = 0; p < intrinsics.params.size(); ++p) {
+    if (IsFocal(intrinsics.model, p)) intrinsics.params[p] *= factor;
   }
-  AddRegistered(image, pose.cam_from_model);
+  for (size_t i = 0; i < normalized_.size(); ++i) {
+    if (model_.intrinsics.lens_of_image[i] == lens) NormalizeKeypoints(ImageId(i));
+  }
+}
+
+void ModelBuilder::Register(ImageId image, const ImageEstimate& estimate) {
+  if (estimate.focal_px) {
+    SetFocal(model_.intrinsics.lens_of_image[image.index()], *estimate.focal_px);
+  }
+  AddRegistered(image, estimate.cam_from_model);
+}
+
+std::vector<WeakImage> ModelBuilder::WeakImages(size_t min_observations) const {
+  std::vector<size_t> held(model_.cam_from_model.size(), 0);
+  for (const Point3& point : model_.points) {
+    for (const Observation& o : point.observations) ++held[o.image.index()];
+  }
+  std::vector<WeakImage> weak;
+  for (const ImageId image : registered_) {
+    if (held[image.index()] < min_observations) weak.push_back({image, held[image.index()]});
+  }
+  return weak;
+}
+
+void ModelBuilder::Unregister(ImageId image) {
+  for (const ImageTrack& entry : tracks_of_image_[image.index()]) {
+    const size_t place = point_of_track_[entry.track.index()];
+    if (place == kNoPoint) continue;
+    Point3& point = model_.points[place];
+    const auto removed =
+        std::erase_if(point.observations, [&](const Observation& o) { return o.image == image; });
+    if (removed > 0 && !Determined(point)) RemovePoint(place);
+  }
+  model_.cam_from_model[image.index()].reset();
+  std::erase(registered_, image);
+}
+
+std::vector<WeakImage> ModelBuilder::UnregisterWeak(size_t min_observations) {
+  std::vector<WeakImage> gone;
+  std::vector<WeakImage> weak = WeakImages(min_observations);
+  while (!weak.empty()) {
+    for (const WeakImage& w : weak) Unregister(w.image);
+    gone.insert(gone.end(), weak.begin(), weak.end());
+    weak = WeakImages(min_observations);
+  }
+  Compact();
+  return gone;
 }
 
 double ModelBuilder::ObservationError_px(const Observation& observation,
@@ -344,8 +390,7 @@ Status ModelBuilder::AdjustLocally(const std::vector<ImageId>& images) {
 Status ModelBuilder::AdjustGlobally(const BundleAdjustmentOptions& options) {
   Compact();
   BundleAdjustmentOptions adjustment = options;
-  adjustment.refine_intrinsics =
-      options_.refine_intrinsics && registered_.size() >= kMinImagesToRefine;
+  adjustment.refine_intrinsics = RefinesIntrinsics(registered_.size(), options_);
   const auto report = AdjustBundle(model_, input_.features, registered_, adjustment, context_);
   if (!report) return report.error();
   if (adjustment.refine_intrinsics) NormalizeRefinedLenses();
@@ -376,6 +421,16 @@ double ModelBuilder::RobustSigma() const {
   return std::max(kLeastSigma, std::sqrt(Median(std::move(squares)) / (2.0 * std::log(2.0))));
 }
 
+/// Seen by two images at least, under a large enough angle.
+bool ModelBuilder::Determined(const Point3& point) const {
+  if (point.observations.size() < 2) return false;
+  std::vector<Eigen::Vector3d> centers;
+  for (const Observation& o : point.observations) {
+    centers.push_back(model_.cam_from_model[o.image.index()]->OriginInSource());
+  }
+  return LargestAngle_rad(centers, point.position) >= options_.min_triangulation_angle_rad;
+}
+
 size_t ModelBuilder::Filter(double max_error_px, double max_sigmas) {
   const double limit = std::isfinite(max_sigmas) ? max_sigmas * RobustSigma() : max_sigmas;
   size_t removed = 0;
@@ -388,14 +443,7 @@ size_t ModelBuilder::Filter(double max_error_px, double max_sigmas) {
           KeypointSigma_px(input_.features.image(o.image).keypoints[o.keypoint.index()]);
       return !(error_px < max_error_px) || !(error_px < limit * sigma_px);
     });
-    std::vector<Eigen::Vector3d> centers;
-    for (const Observation& o : point.observations) {
-      centers.push_back(model_.cam_from_model[o.image.index()]->OriginInSource());
-    }
-    if (centers.size() >= 2 &&
-        LargestAngle_rad(centers, point.position) >= options_.min_triangulation_angle_rad) {
-      continue;
-    }
+    if (Determined(point)) continue;
     removed += point.observations.size();
     RemovePoint(p);
   }

@@ -8,6 +8,20 @@
 
 namespace rotunda::sfm {
 
+/// Where an image not yet registered stands.
+struct ImageEstimate {
+  Rigid3 cam_from_model;
+  /// Mean focal length the pose holds for, where the lens is still open. Absolute, so that it means
+  /// the same after another image has set the lens they share.
+  std::optional<double> focal_px;
+};
+
+/// An image taken out of the model, and how many observations it still had.
+struct WeakImage {
+  ImageId image;
+  size_t observations = 0;
+};
+
 /// One model while it grows: poses, points, and which track became which point. The steps of
 /// incremental reconstruction as functions; their order is incremental.cc's business.
 class ModelBuilder {
@@ -33,10 +47,12 @@ class ModelBuilder {
   double RobustSigma() const;
 
   /// Pose of an unregistered image; kFailed says what was lacking. Safe to call side by side.
-  Result<AbsolutePose> EstimatePose(ImageId image, size_t min_inliers) const;
-  /// Adds the image; its lens takes the focal factor when lenses are refined and this one was not
-  /// yet.
-  void Register(ImageId image, const AbsolutePose& pose);
+  Result<ImageEstimate> EstimatePose(ImageId image, size_t min_inliers) const;
+  /// Adds the image; its lens takes the estimate's focal length, if it has one.
+  void Register(ImageId image, const ImageEstimate& estimate);
+  /// Takes out images with fewer than `min_observations`, their observations and the points that
+  /// these leave undetermined, until every image left has enough.
+  std::vector<WeakImage> UnregisterWeak(size_t min_observations);
 
   /// For tracks seen in `images`: adds fitting observations to points and triangulates new ones.
   void TriangulateFor(const std::vector<ImageId>& images);
@@ -64,6 +80,7 @@ class ModelBuilder {
   };
 
   double FocalOf(ImageId image) const;
+  bool LensIsOpen(ImageId image) const;
   void NormalizeKeypoints(ImageId image);
   void AddRegistered(ImageId image, const Rigid3& cam_from_model);
   std::vector<Observation> UsableObservations(TrackId track) const;
@@ -71,6 +88,10 @@ class ModelBuilder {
   std::optional<Point3> ExtendedPoint(TrackId track, const Point3& point) const;
   double ObservationError_px(const Observation& observation, const Eigen::Vector3d& position) const;
   void TriangulateTracks(const std::vector<TrackId>& tracks, bool afresh);
+  bool Determined(const Point3& point) const;
+  std::vector<WeakImage> WeakImages(size_t min_observations) const;
+  void Unregister(ImageId image);
+  void SetFocal(size_t lens, double focal_px);
   void SetPoint(TrackId track, Point3 point);
   void RemovePoint(size_t point);
   void Compact();

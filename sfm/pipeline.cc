@@ -18,7 +18,7 @@
 namespace rotunda::sfm {
 namespace {
 
-constexpr size_t kMinPictures = 2;
+constexpr size_t kMinPictures = 3;
 
 /// Everything up to the tracks: what incremental reconstruction borrows.
 struct FrontEnd {
@@ -105,19 +105,51 @@ Result<Tracks> MakeTracks(const Run& run, const FrontEnd& front) {
       [&](const Tracks& made) { return WriteTracks(made, run.File("tracks.bin")); });
 }
 
+/// Features read from the stages are of this set: as many pictures, of its sizes.
+Status CheckFeatures(const FrameSet& set, const Features& features) {
+  const auto other = [&](const std::string& what) {
+    return Error{ErrorCode::kBadInput,
+                 "the features of the stages are of another frame set: " + what,
+                 set.folder.string()};
+  };
+  if (features.images.size() != set.frames.size()) {
+    return other(std::to_string(features.images.size()) + " pictures, expected " +
+                 std::to_string(set.frames.size()));
+  }
+  for (size_t i = 0; i < set.frames.size(); ++i) {
+    const Frame& frame = set.frames[i];
+    const ImageFeatures& image = features.images[i];
+    if (frame.width_px == 0 || frame.status != "ok") continue;
+    if (image.width_px != frame.width_px || image.height_px != frame.height_px) {
+      return other("the size of " + frame.camera + "'s picture differs");
+    }
+  }
+  return {};
+}
+
+/// Features and matches of a COLMAP database in place of our own.
+Result<Matches> TakeDatabase(const Run& run, Features& features) {
+  run.context.Report("database", 0, 1);
+  ROTUNDA_ASSIGN_OR_RETURN(ColmapDatabase database,
+                           ReadColmapDatabase(*run.options.database, run.set));
+  ROTUNDA_ASSIGN_OR_RETURN(features, ColoredFeatures(database.features, run.set, run.context));
+  Matches matches =
+      std::move(database.matches.pairs.empty() ? database.verified_inliers : database.matches);
+  if (run.options.stages_folder) {
+    ROTUNDA_RETURN_IF_ERROR(WriteFeatures(features, run.File("features.bin")));
+    ROTUNDA_RETURN_IF_ERROR(WriteMatches(matches, run.File("matches.bin")));
+  }
+  return matches;
+}
+
 Result<FrontEnd> RunFrontEnd(const Run& run) {
   FrontEnd front;
   Matches matches;
   if (run.options.database) {
-    run.context.Report("database", 0, 1);
-    ROTUNDA_ASSIGN_OR_RETURN(ColmapDatabase database,
-                             ReadColmapDatabase(*run.options.database, run.set));
-    ROTUNDA_ASSIGN_OR_RETURN(front.features,
-                             ColoredFeatures(database.features, run.set, run.context));
-    matches =
-        std::move(database.matches.pairs.empty() ? database.verified_inliers : database.matches);
+    ROTUNDA_ASSIGN_OR_RETURN(matches, TakeDatabase(run, front.features));
   } else {
     ROTUNDA_ASSIGN_OR_RETURN(front.features, MakeFeatures(run));
+    ROTUNDA_RETURN_IF_ERROR(CheckFeatures(run.set, front.features));
   }
   ROTUNDA_ASSIGN_OR_RETURN(front.intrinsics,
                            BuildIntrinsics(run.set, front.features, run.calibration));
@@ -155,10 +187,12 @@ PoseSet DescribePoses(const Run& run, const IncrementalResult& models,
   for (size_t i = 0; i < run.set.frames.size(); ++i) {
     CameraPose& pose = poses.cameras.emplace_back();
     pose.camera = run.set.frames[i].camera;
-    pose.intrinsics = reconstruction.intrinsics.of(ImageId(i));
     pose.observations = residuals.images[i].observations;
     pose.rms_px = residuals.images[i].rms_px;
     pose.registered = reconstruction.Registered(ImageId(i));
+    if (pose.registered || reconstruction.intrinsics.known) {
+      pose.intrinsics = reconstruction.intrinsics.of(ImageId(i));
+    }
     if (pose.registered) {
       pose.cam_from_rig = *reconstruction.cam_from_model[i];
     } else {
@@ -174,9 +208,11 @@ PoseSet DescribePoses(const Run& run, const IncrementalResult& models,
 
 /// Only for calibrated lenses: a principal point that is merely taken to be in the middle puts
 /// errors into the poses that the covariance does not see.
-void AddSigmas(const PoseCovariances& covariances, PoseSet& poses) {
+void AddSigmas(const PoseCovariances& covariances, const Intrinsics& intrinsics, PoseSet& poses) {
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
-    if (covariances.images[i]) poses.cameras[i].sigma = SigmaOf(*covariances.images[i]);
+    if (!covariances.images[i]) continue;
+    poses.cameras[i].sigma = SigmaOf(*covariances.images[i]);
+    poses.cameras[i].sigma->focal_px = covariances.focal_sigma_px[intrinsics.lens_of_image[i]];
   }
 }
 
@@ -193,6 +229,7 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
                            PoseSet& poses) {
   poses.metric = true;
   poses.aligned_to = calibration.id;
+  poses.summary.folded = false;
   double rotation_sum_deg = 0, position_sum_mm = 0;
   size_t compared = 0;
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
@@ -201,7 +238,7 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
     pose.side = SideOf(pose.cam_from_rig);
     pose.vs_calibration = alignment.vs_calibration[i];
     if (!pose.vs_calibration) continue;
-    poses.summary.folded |= pose.vs_calibration->rotation_deg > kFoldedRotation_deg;
+    if (pose.vs_calibration->rotation_deg > kFoldedRotation_deg) poses.summary.folded = true;
     rotation_sum_deg += pose.vs_calibration->rotation_deg;
     position_sum_mm += pose.vs_calibration->position_mm;
     ++compared;
@@ -211,26 +248,55 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
   poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);
 }
 
-Result<PipelineResult> Finish(const Run& run, FrontEnd front, IncrementalResult models,
-                              bool refine_intrinsics) {
+/// What the poses are known by, besides themselves; what fails leaves a note, not a lost result.
+struct Reference {
+  std::optional<PoseCovariances> covariances;
+  std::optional<RigAlignment> alignment;
+  std::vector<std::string> notes;
+};
+
+Reference MeasureReference(const Run& run, const Reconstruction& model, const Features& features,
+                           bool lenses_moved) {
+  Reference reference;
+  if (!model.intrinsics.known) return reference;
+  Result<PoseCovariances> covariances =
+      BuildPoseCovariances(model, features, lenses_moved, run.context);
+  if (!covariances.ok()) {
+    reference.notes.push_back("no uncertainties: " + covariances.error().ToString());
+    return reference;
+  }
+  reference.covariances = std::move(*covariances);
+  Result<RigAlignment> alignment = AlignToCalibration(model, run.set, *run.calibration,
+                                                      *reference.covariances, run.context.seed);
+  if (alignment.ok()) {
+    reference.alignment = std::move(*alignment);
+  } else {
+    reference.notes.push_back("not aligned to the calibration, scale arbitrary: " +
+                              alignment.error().ToString());
+  }
+  return reference;
+}
+
+PipelineResult Finish(const Run& run, FrontEnd front, IncrementalResult models,
+                      const IncrementalOptions& incremental) {
   run.context.Report("uncertainty", 0, 1);
   Reconstruction model = WithColors(std::move(models.models.front()), front.features);
-  ROTUNDA_ASSIGN_OR_RETURN(
-      PoseCovariances covariances,
-      BuildPoseCovariances(model, front.features, refine_intrinsics, run.context));
-  std::optional<RigAlignment> alignment;
-  if (run.calibration && RegisteredCount(model) >= 3) {
-    ROTUNDA_ASSIGN_OR_RETURN(alignment, AlignToCalibration(model, run.set, *run.calibration,
-                                                           covariances, run.context.seed));
-    model = Transformed(model, alignment->rig_from_model);
-    covariances = Transformed(covariances, alignment->rig_from_model);
+  const bool lenses_moved = RefinesIntrinsics(RegisteredCount(model), incremental);
+  Reference reference = MeasureReference(run, model, front.features, lenses_moved);
+  if (reference.alignment) {
+    const Sim3& rig_from_model = reference.alignment->rig_from_model;
+    model = Transformed(model, rig_from_model);
+    reference.covariances = Transformed(*reference.covariances, rig_from_model);
   }
   PoseSet poses = DescribePoses(run, models, model, front.features);
-  poses.options = DescribeOptions(run, refine_intrinsics);
-  if (front.intrinsics.known) AddSigmas(covariances, poses);
-  if (alignment) AddCalibrationFigures(*alignment, *run.calibration, poses);
+  poses.options = DescribeOptions(run, incremental.refine_intrinsics);
+  if (reference.covariances) AddSigmas(*reference.covariances, model.intrinsics, poses);
+  if (reference.alignment) {
+    AddCalibrationFigures(*reference.alignment, *run.calibration, poses);
+  }
 
-  PipelineResult result{run.set, std::move(front.features), std::move(model), std::move(poses)};
+  PipelineResult result{run.set, std::move(front.features), std::move(model), std::move(poses),
+                        std::move(reference.notes)};
   for (size_t i = 0; i < result.set.frames.size(); ++i) {
     result.set.frames[i].width_px = result.features.images[i].width_px;
     result.set.frames[i].height_px = result.features.images[i].height_px;
@@ -257,13 +323,17 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
   const Run run{set, calibration, options, context};
   if (set.frames.size() < kMinPictures) {
     return Error{ErrorCode::kBadInput,
-                 "has " + std::to_string(set.frames.size()) + " picture, at least " +
-                     std::to_string(kMinPictures) + " are needed",
+                 "pictures found: " + std::to_string(set.frames.size()) + ", needed: at least " +
+                     std::to_string(kMinPictures),
                  set.folder.string()};
   }
   if (options.start_from && !options.stages_folder) {
     return Error{ErrorCode::kInvalidArgument,
                  "starting from a stage needs the folder of the stages", ""};
+  }
+  if (options.database && options.start_from && *options.start_from <= Stage::kMatches) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "features and matches come either from a database or from the stages", ""};
   }
   ROTUNDA_ASSIGN_OR_RETURN(FrontEnd front, RunFrontEnd(run));
 
@@ -274,7 +344,7 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
   ROTUNDA_ASSIGN_OR_RETURN(IncrementalResult models,
                            BuildReconstructions(input, incremental, context));
   ROTUNDA_RETURN_IF_ERROR(CheckStopped(context));
-  return Finish(run, std::move(front), std::move(models), incremental.refine_intrinsics);
+  return Finish(run, std::move(front), std::move(models), incremental);
 }
 
 Status WriteResult(const PipelineResult& result, const std::optional<Calibration>& calibration,

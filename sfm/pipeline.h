@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "sfm/core/calibration.h"
 #include "sfm/core/frame_set.h"
@@ -32,7 +33,8 @@ struct PipelineOptions {
   IncrementalOptions incremental;
   /// COLMAP database.db whose keypoints and matches are used in place of our own front end.
   std::optional<std::filesystem::path> database;
-  /// Where every stage's product is written for inspection and for `start_from`.
+  /// Where features, matches, two-view geometries and tracks are written, for inspection and for
+  /// `start_from`.
   std::optional<std::filesystem::path> stages_folder;
   /// Products up to and including this one are read from `stages_folder` instead of being made.
   std::optional<Stage> start_from;
@@ -43,6 +45,7 @@ struct PipelineResult {
   Features features;
   Reconstruction reconstruction;  // the largest model; in the rig frame when `poses.metric`
   PoseSet poses;
+  std::vector<std::string> notes;  // what could not be done although the poses stand
 };
 
 /// Pictures in, camera poses out. `calibration` gives intrinsics, metric scale and the rig frame.

@@ -206,11 +206,7 @@ std::string ShotHeadline(const PoseSet& poses) {
   const PoseSummary& summary = poses.summary;
   std::string text = std::to_string(summary.registered) + " of " + std::to_string(summary.of) +
                      " cameras registered";
-  if (summary.folded) {
-    text += ", folded";
-  } else if (poses.aligned_to) {
-    text += ", not folded";
-  }
+  if (summary.folded) text += *summary.folded ? ", folded" : ", not folded";
   return text + (poses.metric ? "; scale metric" : "; scale arbitrary");
 }
 
@@ -221,7 +217,7 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
     verdict.level = std::max(verdict.level, level);
     verdict.details.push_back(text);
   };
-  if (summary.folded) {
+  if (summary.folded.value_or(false)) {
     say(Level::kBad,
         "The model is folded: look-alike sides of the subject were laid on one another. Do not "
         "use these poses.");

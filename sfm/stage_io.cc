@@ -1,6 +1,8 @@
 #include "sfm/stage_io.h"
 
+#include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <string>
 #include <type_traits>
@@ -11,6 +13,8 @@ namespace rotunda::sfm {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "stage files are little-endian");
+
+constexpr double kMaxQuaternionNormError = 1e-6;
 
 class Writer {
  public:
@@ -99,6 +103,11 @@ class Reader {
   std::string problem_;
 };
 
+bool IsFinite(const Keypoint& keypoint) {
+  return std::isfinite(keypoint.x_px) && std::isfinite(keypoint.y_px) &&
+         std::isfinite(keypoint.scale_px) && std::isfinite(keypoint.orientation_rad);
+}
+
 bool ValidPair(const ImagePair& pair, const Features& features) {
   return pair.first < pair.second && pair.second.index() < features.images.size();
 }
@@ -119,9 +128,30 @@ bool ValidMatches(const std::vector<Match>& matches, const ImagePair& pair,
   return true;
 }
 
+bool ValidPose(const Rigid3& pose) {
+  return pose.translation.allFinite() &&
+         std::abs(pose.rotation.norm() - 1.0) <= kMaxQuaternionNormError;  // false for NaN
+}
+
+/// What is wrong with a track; empty when nothing is.
+std::string TrackProblem(const Track& track, const Features& features) {
+  const std::vector<Observation>& observations = track.observations;
+  if (observations.size() < 2) {
+    return "has " + std::to_string(observations.size()) + " observations, expected 2 or more";
+  }
+  for (size_t i = 0; i < observations.size(); ++i) {
+    if (!ValidObservation(observations[i], features)) return "names a keypoint that is not there";
+    if (i == 0 || observations[i - 1].image < observations[i].image) continue;
+    return observations[i - 1].image == observations[i].image
+               ? "has two observations in one picture"
+               : "is not sorted by picture";
+  }
+  return "";
+}
+
+constexpr char kBadMatch[] = "a match names a keypoint that is not there";
 constexpr char kBadPair[] =
     "a pair names a picture that is not there, or its pictures are not in order";
-constexpr char kBadKeypoint[] = "a match or track names a keypoint that is not there";
 
 }  // namespace
 
@@ -150,6 +180,8 @@ Result<Features> ReadFeatures(const std::filesystem::path& file) {
     image.descriptors = reader.GetAll<uint8_t>();
     image.colors_rgb = reader.GetAll<std::array<uint8_t, 3>>();
     const size_t count = image.keypoints.size();
+    reader.Require(std::all_of(image.keypoints.begin(), image.keypoints.end(), IsFinite),
+                   "a keypoint of picture " + std::to_string(i) + " is not finite numbers");
     reader.Require(
         image.descriptors.size() == count * kDescriptorSize && image.colors_rgb.size() == count,
         "keypoints, descriptors and colours of picture " + std::to_string(i) + " differ in number");
@@ -178,7 +210,7 @@ Result<Matches> ReadMatches(const std::filesystem::path& file, const Features& f
     pair.matches = reader.GetAll<Match>();
     reader.Require(ValidPair(pair.pair, features), kBadPair);
     if (!reader.failed()) {
-      reader.Require(ValidMatches(pair.matches, pair.pair, features), kBadKeypoint);
+      reader.Require(ValidMatches(pair.matches, pair.pair, features), kBadMatch);
     }
   }
   ROTUNDA_RETURN_IF_ERROR(reader.Finish());
@@ -214,9 +246,12 @@ Result<TwoViews> ReadTwoViews(const std::filesystem::path& file, const Features&
     view.inliers = reader.GetAll<Match>();
     reader.Require(kind <= static_cast<uint32_t>(TwoViewKind::kPanoramic),
                    "the kind of a pair is out of range");
+    reader.Require(
+        ValidPose(view.second_from_first) && std::isfinite(view.median_angle_rad),
+        "pair " + std::to_string(i) + ": expected a quaternion of norm 1 and finite numbers");
     reader.Require(ValidPair(view.pair, features), kBadPair);
     if (!reader.failed()) {
-      reader.Require(ValidMatches(view.inliers, view.pair, features), kBadKeypoint);
+      reader.Require(ValidMatches(view.inliers, view.pair, features), kBadMatch);
     }
   }
   ROTUNDA_RETURN_IF_ERROR(reader.Finish());
@@ -237,9 +272,8 @@ Result<Tracks> ReadTracks(const std::filesystem::path& file, const Features& fea
   for (uint64_t i = 0; i < count && !reader.failed(); ++i) {
     Track& track = tracks.tracks.emplace_back();
     track.observations = reader.GetAll<Observation>();
-    for (const Observation& observation : track.observations) {
-      reader.Require(ValidObservation(observation, features), kBadKeypoint);
-    }
+    const std::string problem = TrackProblem(track, features);
+    reader.Require(problem.empty(), "track " + std::to_string(i) + " " + problem);
   }
   ROTUNDA_RETURN_IF_ERROR(reader.Finish());
   return tracks;

@@ -11,8 +11,9 @@
 namespace rotunda::sfm {
 
 /// Products of stages as little-endian binary files: a line of text with the kind and its version,
-/// then counts and arrays. Reading checks kind, version and every count against the file's length:
-/// kBadInput names the file and what is wrong.
+/// then counts and arrays. Reading checks kind, version, every count against the file's length,
+/// and what the types promise (finite numbers, unit quaternions, tracks of two or more pictures in
+/// order): kBadInput names the file and what is wrong.
 Status WriteFeatures(const Features& features, const std::filesystem::path& file);
 Status WriteMatches(const Matches& matches, const std::filesystem::path& file);
 Status WriteTwoViews(const TwoViews& two_views, const std::filesystem::path& file);

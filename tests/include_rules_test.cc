@@ -9,7 +9,8 @@
 #include <vector>
 
 // Who may include whom. A folder's own files are always allowed; the row with the longest prefix
-// counts. System and library headers stand in <> and are not looked at here.
+// counts. Own headers stand in quotes; of the libraries in <>, some may not stand in the headers of
+// the engine and the rig, whose users need not have them.
 
 namespace {
 
@@ -55,16 +56,46 @@ bool Allowed(const Rule& rule, const std::string& included) {
          std::none_of(rule.but_not.begin(), rule.but_not.end(), matches);
 }
 
-/// The name in `#include "name"`; nullopt for any other line.
-std::optional<std::string> QuotedInclude(const std::string& line) {
+const std::vector<std::string>& PrivateLibraries() {
+  static const std::vector<std::string> prefixes = {"ceres/", "sqlite3", "boost/"};
+  return prefixes;
+}
+
+struct Include {
+  std::string name;
+  bool quoted = true;
+};
+
+/// What `#include "name"` or `#include <name>` includes; nullopt for any other line.
+std::optional<Include> IncludeIn(const std::string& line) {
   const size_t hash = line.find_first_not_of(" \t");
   if (hash == std::string::npos || line[hash] != '#') return std::nullopt;
   const size_t word = line.find_first_not_of(" \t", hash + 1);
   if (word == std::string::npos || line.compare(word, 7, "include") != 0) return std::nullopt;
-  const size_t open = line.find('"', word);
-  const size_t close = open == std::string::npos ? open : line.find('"', open + 1);
+  const size_t open = line.find_first_of("\"<", word);
+  if (open == std::string::npos) return std::nullopt;
+  const bool quoted = line[open] == '"';
+  const size_t close = line.find(quoted ? '"' : '>', open + 1);
   if (close == std::string::npos) return std::nullopt;
-  return line.substr(open + 1, close - open - 1);
+  return Include{line.substr(open + 1, close - open - 1), quoted};
+}
+
+bool IsPublicHeader(const std::string& file) {
+  return file.ends_with(".h") && (StartsWith(file, "sfm/") || StartsWith(file, "rig/"));
+}
+
+/// What is wrong with one include of a file; empty when nothing is.
+std::string Problem(const std::string& file, const Rule& rule, const Include& include) {
+  const std::string& name = include.name;
+  if (include.quoted) {
+    if (RuleOf(name) == nullptr) return "\"" + name + "\" is not named from the root";
+    return Allowed(rule, name) ? "" : "must not include \"" + name + "\"";
+  }
+  if (RuleOf(name) != nullptr) return "<" + name + "> is an own header: it belongs in quotes";
+  const auto matches = [&](const std::string& prefix) { return StartsWith(name, prefix); };
+  const bool is_private =
+      std::any_of(PrivateLibraries().begin(), PrivateLibraries().end(), matches);
+  return is_private && IsPublicHeader(file) ? "a header must not include <" + name + ">" : "";
 }
 
 /// What is wrong with the includes of one file, one line a finding.
@@ -76,15 +107,10 @@ std::vector<std::string> Violations(const std::string& file, const std::string& 
   size_t number = 0;
   for (std::string line; std::getline(lines, line);) {
     ++number;
-    const auto included = QuotedInclude(line);
-    if (!included) continue;
-    if (RuleOf(*included) == nullptr) {
-      violations.push_back(file + ":" + std::to_string(number) + ": \"" + *included +
-                           "\" is not named from the root");
-    } else if (!Allowed(*rule, *included)) {
-      violations.push_back(file + ":" + std::to_string(number) + ": must not include \"" +
-                           *included + "\"");
-    }
+    const auto include = IncludeIn(line);
+    const std::string problem = include ? Problem(file, *rule, *include) : "";
+    if (!problem.empty())
+      violations.push_back(file + ":" + std::to_string(number) + ": " + problem);
   }
   return violations;
 }
@@ -143,6 +169,15 @@ TEST(IncludeRules, TheCheckerTellsGoodFromBad) {
       {"tests/sfm/x_test.cc", "#include \"daemon/store.h\"", true},
       {"sfm/features.cc", "#include \"features.h\"", false},
       {"sfm/features.cc", "#include <sfm_of_others.h>", true},
+      {"sfm/features.cc", "#include <sfm/core/ids.h>", false},
+      {"daemon/cli/main.cc", "#include  <config/load.h>", false},
+      {"sfm/features.cc", "#include <ceres/ceres.h>", true},
+      {"sfm/features.h", "#include <ceres/ceres.h>", false},
+      {"sfm/core/camera.h", "#include <ceres/jet.h>", false},
+      {"sfm/colmap_io.h", "#include <sqlite3.h>", false},
+      {"rig/sim/world.h", "#include <boost/graph/adjacency_list.hpp>", false},
+      {"sfm/features.h", "#include <vector>", true},
+      {"tests/support/world.h", "#include <ceres/ceres.h>", true},
       {"sfm/features.cc", "// #include \"rig/board.h\" in a comment", true},
       {"tools/x.cc", "", false},
   };

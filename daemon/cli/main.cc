@@ -41,7 +41,11 @@ int Main(int argc, char** argv) {
     std::fprintf(stderr, "rotunda: %s (see --help)\n", wrong.what());
     return kWrongUsage;
   }
-  return chosen();
+  try {
+    return chosen();
+  } catch (const std::exception& unexpected) {  // a bug, or no memory left; folders are cleaned up
+    return Fail({ErrorCode::kFailed, unexpected.what(), "unexpected failure"});
+  }
 }
 
 }  // namespace rotunda::cli

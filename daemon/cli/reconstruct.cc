@@ -61,8 +61,9 @@ Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) 
   return options;
 }
 
-void PrintJson(const ReconstructArguments& arguments, const PoseSummary& summary,
+void PrintJson(const ReconstructArguments& arguments, const sfm::PipelineResult& reconstruction,
                const std::vector<StageCost>& costs) {
+  const PoseSummary& summary = reconstruction.poses.summary;
   nlohmann::ordered_json stages = nlohmann::ordered_json::array();
   for (const StageCost& cost : costs) {
     stages.push_back({{"stage", cost.stage},
@@ -76,6 +77,7 @@ void PrintJson(const ReconstructArguments& arguments, const PoseSummary& summary
                                          {"models", summary.models},
                                          {"mean_reprojection_px", summary.mean_reprojection_px},
                                          {"rms_px", summary.rms_px},
+                                         {"notes", reconstruction.notes},
                                          {"stages", stages}};
   std::printf("%s\n", result.dump(1).c_str());
 }
@@ -94,6 +96,7 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
                   pose.vs_calibration->position_mm, pose.vs_calibration->rotation_deg);
     }
   }
+  for (const std::string& note : result.notes) std::printf("  note: %s\n", note.c_str());
   for (const StageCost& cost : costs) {
     std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,
                 cost.peak_memory_mb);
@@ -124,7 +127,7 @@ Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& c
 
   const std::vector<StageCost> costs = progress.Finish();
   if (common.json) {
-    PrintJson(arguments, result.poses.summary, costs);
+    PrintJson(arguments, result, costs);
   } else {
     PrintTable(arguments, result, costs);
   }
@@ -171,13 +174,13 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
   CLI::Option* stages =
       command
           ->add_option("--stages", arguments->stages,
-                       "Folder to which every stage's product is written for inspection")
+                       "Folder to which features, matches, two-view geometries and tracks are "
+                       "written")
           ->type_name("DIR");
   command
       ->add_option("--start-from", arguments->start_from,
-                   "Read the products up to this one from --stages instead of making them: "
-                   "features, matches, two-views or tracks")
-      ->type_name("STAGE")
+                   "Read the products up to this one from --stages instead of making them")
+      ->check(CLI::IsMember({"features", "matches", "two-views", "tracks"}))
       ->needs(stages);
   command->add_option("--seed", arguments->seed, "Seed of all random sampling")
       ->capture_default_str();

@@ -99,7 +99,7 @@ InterruptWatch::~InterruptWatch() = default;
 int Fail(const Error& error) {
   const std::string reason = error.code == ErrorCode::kCancelled ? "interrupted" : error.ToString();
   std::fprintf(stderr, "rotunda: %s\n", reason.c_str());
-  return error.code == ErrorCode::kInvalidArgument ? kWrongUsage : kFailed;
+  return kFailed;
 }
 
 }  // namespace rotunda::cli

@@ -66,7 +66,8 @@ inline constexpr int kDone = 0;
 inline constexpr int kFailed = 1;
 inline constexpr int kWrongUsage = 2;
 
-/// Prints the reason in one line on standard error and gives the exit code for it.
+/// Prints the reason in one line on standard error and gives kFailed. Wrong usage is found by the
+/// parser of the options, before any work begins.
 int Fail(const Error& error);
 
 }  // namespace rotunda::cli

@@ -87,8 +87,8 @@ float StudioRadiance(const Vector3f& direction) {
   return radiance;
 }
 
-void BakeLight(World* world, ThreadPool& threads) {
-  const RayScene scene(*world, true);
+Status BakeLight(World* world, ThreadPool& threads) {
+  ROTUNDA_ASSIGN_OR_RETURN(const RayScene scene, RayScene::Build(*world, true));
   const std::array<Vector3f, kDirections> directions = CosineDirections();
   for (WorldObject& object : world->objects) {
     const Mesh& mesh = object.mesh;
@@ -102,6 +102,7 @@ void BakeLight(World* world, ThreadPool& threads) {
     for (int pass = 0; pass < kSmoothing; ++pass) Smooth(mesh, &light);
     object.light = std::move(light);
   }
+  return {};
 }
 
 }  // namespace rotunda::sim

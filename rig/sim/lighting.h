@@ -1,6 +1,7 @@
 #pragma once
 
 #include "rig/sim/world.h"
+#include "sfm/core/result.h"
 #include "sfm/core/run_context.h"
 
 namespace rotunda::sim {
@@ -11,7 +12,7 @@ float StudioRadiance(const Eigen::Vector3f& direction);
 
 /// Fills WorldObject::light: irradiance / pi at every vertex by hemisphere sampling with occlusion
 /// by what casts shadows; occluded directions give a little light back (one bounce). The same for
-/// any number of threads.
-void BakeLight(World* world, ThreadPool& threads);
+/// any number of threads. Errors as RayScene::Build.
+Status BakeLight(World* world, ThreadPool& threads);
 
 }  // namespace rotunda::sim

@@ -9,6 +9,7 @@
 #include <assimp/Importer.hpp>
 #include <cctype>
 #include <cmath>
+#include <system_error>
 
 #include "rig/sim/noise.h"
 #include "rig/sim/ray_scene.h"
@@ -66,14 +67,21 @@ void AppendAssimp(const aiMesh& part, Mesh* mesh) {
   }
 }
 
-/// Turns, scales and places the mesh: z up, facing +x, feet at z = 0.
-void StandUp(float height_m, Mesh* mesh) {
+/// Turns, scales and places the mesh: z up, facing +x, feet at z = 0. kBadInput when it has no
+/// height that could be scaled.
+Status StandUp(float height_m, Mesh* mesh) {
   const auto all = [](const Vector3f&) { return true; };
   const bool y_up = ExtentWhere(*mesh, 1, all).Size() > ExtentWhere(*mesh, 2, all).Size();
   for (Vector3f& p : mesh->vertices)
     p = y_up ? Vector3f(p.z(), p.x(), p.y()) : Vector3f(-p.y(), p.x(), p.z());
   const Extent up = ExtentWhere(*mesh, 2, all);
   const float scale = height_m / up.Size();
+  if (!(scale > 0) || !std::isfinite(scale)) {
+    return Error{ErrorCode::kBadInput,
+                 "is flat: its height (the larger extent in Y and Z) is " +
+                     std::to_string(up.Size()) + ", expected a body that stands",
+                 ""};
+  }
   const float middle_y = ExtentWhere(*mesh, 1, all).Middle();
   for (Vector3f& p : mesh->vertices) p = scale * (p - Vector3f(0, middle_y, up.low));
   const Extent feet =
@@ -88,6 +96,7 @@ void StandUp(float height_m, Mesh* mesh) {
   for (Vector3f& p : mesh->vertices) {
     p = Vector3f(facing * (p.x() - trunk.Middle()), facing * p.y(), p.z());
   }
+  return {};
 }
 
 bool IsTPose(const Mesh& mesh, float height_m) {
@@ -205,7 +214,9 @@ class ObjPaint : public Paint {
 }  // namespace
 
 Result<ObjBody> ReadObjBody(const std::filesystem::path& file, float height_m) {
-  if (!std::filesystem::exists(file)) {
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) {
+    if (error) return Error{ErrorCode::kIo, "cannot open: " + error.message(), file.string()};
     return Error{ErrorCode::kNotFound, "there is no such file", file.string()};
   }
   Assimp::Importer importer;
@@ -226,7 +237,9 @@ Result<ObjBody> ReadObjBody(const std::filesystem::path& file, float height_m) {
     body.textures.push_back(std::move(texture));
     body.is_hair.push_back(NamesHair(*scene->mMaterials[i]));
   }
-  StandUp(height_m, &body.mesh);
+  if (const Status standing = StandUp(height_m, &body.mesh); !standing) {
+    return standing.error().In(file.string());
+  }
   const bool lowered = IsTPose(body.mesh, height_m);
   const float reach_m = ExtentWhere(body.mesh, 1, [](const Vector3f&) { return true; }).high;
   if (lowered) LowerArms(height_m, &body.mesh);
@@ -235,10 +248,10 @@ Result<ObjBody> ReadObjBody(const std::filesystem::path& file, float height_m) {
   return body;
 }
 
-void MirrorFrontOntoBack(const BodyLayout& layout, Mesh* mesh) {
+Status MirrorFrontOntoBack(const BodyLayout& layout, Mesh* mesh) {
   World world;
   world.objects.emplace_back().mesh = *mesh;
-  const RayScene scene(world, false);
+  ROTUNDA_ASSIGN_OR_RETURN(const RayScene scene, RayScene::Build(world, false));
   const auto middle_x = [&](const Vector3f& p) {
     const float torso = layout.axis(Part::kTorso).x_m, leg = layout.axis(Part::kLeftLeg).x_m;
     const float arm = layout.axis(Part::kLeftArm).x_m;
@@ -260,6 +273,7 @@ void MirrorFrontOntoBack(const BodyLayout& layout, Mesh* mesh) {
     if (front > middle) p.x() += weight * (2 * middle - front - p.x());
   }
   ComputeSmoothNormals(mesh);
+  return {};
 }
 
 std::unique_ptr<Paint> MakeObjPaint(ObjBody body, std::unique_ptr<Garment> garment) {

@@ -23,11 +23,12 @@ struct ObjBody {
 
 /// Reads an OBJ (anything Assimp reads) with Y or Z up, in any unit, scaled to `height_m`. Up is
 /// the larger of the extents in Y and Z (x is across in both); the front is where the feet point.
-/// kBadInput when there is no triangle; kNotFound when there is no file.
+/// kBadInput when there is no triangle or no height; kNotFound when there is no file.
 Result<ObjBody> ReadObjBody(const std::filesystem::path& file, float height_m);
 
-/// Mirrors the front of the garment region onto its back (x -> -x about the body's middle).
-void MirrorFrontOntoBack(const BodyLayout& layout, Mesh* mesh);
+/// Mirrors the front of the garment region onto its back (x -> -x about the body's middle). Errors
+/// as RayScene::Build.
+Status MirrorFrontOntoBack(const BodyLayout& layout, Mesh* mesh);
 
 /// The body's own colours; `garment` covers all but head, hands and feet when it is there.
 std::unique_ptr<Paint> MakeObjPaint(ObjBody body, std::unique_ptr<Garment> garment);

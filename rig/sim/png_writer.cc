@@ -13,6 +13,7 @@ Result<std::string> EncodePng(const Picture& picture) {
   constexpr int kZlibLevel = 1;
   const std::unique_ptr<spng_ctx, void (*)(spng_ctx*)> context(spng_ctx_new(SPNG_CTX_ENCODER),
                                                                &spng_ctx_free);
+  if (!context) return Error{ErrorCode::kFailed, "no memory for the PNG encoder", "PNG"};
   const auto failed = [](const char* what, int code) {
     return Error{ErrorCode::kFailed, std::string(what) + ": " + spng_strerror(code), "PNG"};
   };

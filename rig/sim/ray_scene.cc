@@ -3,48 +3,85 @@
 #include <embree3/rtcore.h>
 
 #include <limits>
+#include <string>
+#include <utility>
 
 namespace rotunda::sim {
+
+namespace {
+
+Error EmbreeFailed(RTCDevice device, const char* what) {
+  const std::string code = std::to_string(static_cast<int>(rtcGetDeviceError(device)));
+  return {ErrorCode::kFailed, std::string(what) + " (its error code is " + code + ")", "Embree"};
+}
+
+/// Hands the mesh to Embree; its id is the object's place in the world.
+Status AttachMesh(const Mesh& mesh, unsigned id, RTCDevice device, RTCScene scene) {
+  const std::unique_ptr<RTCGeometryTy, void (*)(RTCGeometry)> geometry(
+      rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE), [](RTCGeometry g) {
+        if (g != nullptr) rtcReleaseGeometry(g);
+      });
+  if (!geometry) return EmbreeFailed(device, "cannot make a geometry");
+  auto* vertices = static_cast<float*>(
+      rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                              3 * sizeof(float), mesh.vertices.size()));
+  auto* indices = static_cast<uint32_t*>(
+      rtcSetNewGeometryBuffer(geometry.get(), RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                              3 * sizeof(uint32_t), mesh.triangles.size()));
+  if (vertices == nullptr || indices == nullptr) {
+    return EmbreeFailed(device, "cannot make a mesh's buffers");
+  }
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
+  }
+  for (const auto& triangle : mesh.triangles) {
+    for (uint32_t vertex : triangle) *indices++ = vertex;
+  }
+  rtcCommitGeometry(geometry.get());
+  rtcAttachGeometryByID(scene, geometry.get(), id);
+  return {};
+}
+
+}  // namespace
 
 struct RayScene::Impl {
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
   ~Impl() {
-    rtcReleaseScene(scene);
-    rtcReleaseDevice(device);
+    if (scene != nullptr) rtcReleaseScene(scene);
+    if (device != nullptr) rtcReleaseDevice(device);
   }
 };
 
-RayScene::RayScene(const World& world, bool shadow_casters_only) : impl_(std::make_unique<Impl>()) {
+RayScene::RayScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+RayScene::RayScene(RayScene&&) noexcept = default;
+RayScene& RayScene::operator=(RayScene&&) noexcept = default;
+RayScene::~RayScene() = default;
+
+Result<RayScene> RayScene::Build(const World& world, bool shadow_casters_only) {
+  auto impl = std::make_unique<Impl>();
   // Embree's own threads would not change the result, only take cores that are not ours.
-  impl_->device = rtcNewDevice("threads=1,set_affinity=0");
-  impl_->scene = rtcNewScene(impl_->device);
-  rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
+  impl->device = rtcNewDevice("threads=1,set_affinity=0");
+  if (impl->device == nullptr) return EmbreeFailed(nullptr, "cannot start");
+  impl->scene = rtcNewScene(impl->device);
+  if (impl->scene == nullptr) return EmbreeFailed(impl->device, "cannot make a scene");
+  rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST);
   for (size_t i = 0; i < world.objects.size(); ++i) {
     const WorldObject& object = world.objects[i];
     if (shadow_casters_only && !object.casts_shadow) continue;
-    const Mesh& mesh = object.mesh;
-    RTCGeometry geometry = rtcNewGeometry(impl_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* vertices = static_cast<float*>(
-        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                3 * sizeof(float), mesh.vertices.size()));
-    for (const Eigen::Vector3f& vertex : mesh.vertices) {
-      for (int axis = 0; axis < 3; ++axis) *vertices++ = vertex[axis];
-    }
-    auto* indices = static_cast<uint32_t*>(
-        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                3 * sizeof(uint32_t), mesh.triangles.size()));
-    for (const auto& triangle : mesh.triangles) {
-      for (uint32_t vertex : triangle) *indices++ = vertex;
-    }
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometryByID(impl_->scene, geometry, static_cast<unsigned>(i));
-    rtcReleaseGeometry(geometry);
+    if (object.mesh.triangles.empty()) continue;
+    ROTUNDA_RETURN_IF_ERROR(
+        AttachMesh(object.mesh, static_cast<unsigned>(i), impl->device, impl->scene));
   }
-  rtcCommitScene(impl_->scene);
+  rtcCommitScene(impl->scene);
+  if (const RTCError code = rtcGetDeviceError(impl->device); code != RTC_ERROR_NONE) {
+    return Error{
+        ErrorCode::kFailed,
+        "cannot build the scene (its error code is " + std::to_string(static_cast<int>(code)) + ")",
+        "Embree"};
+  }
+  return RayScene(std::move(impl));
 }
-
-RayScene::~RayScene() = default;
 
 void RayScene::Trace(const Eigen::Vector3f& origin, float near,
                      std::span<const Eigen::Vector3f> directions, std::span<RayHit> hits) const {

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "rig/sim/world.h"
+#include "sfm/core/result.h"
 
 namespace rotunda::sim {
 
@@ -22,11 +23,12 @@ inline constexpr size_t kRayPacket = 8;
 /// Triangles of a world behind Embree. The world must outlive the scene.
 class RayScene {
  public:
-  /// `shadow_casters_only`: without the objects that cast no shadow.
-  RayScene(const World& world, bool shadow_casters_only);
+  /// `shadow_casters_only`: without the objects that cast no shadow. kFailed when Embree does not
+  /// start or has no memory.
+  static Result<RayScene> Build(const World& world, bool shadow_casters_only);
   ~RayScene();
-  RayScene(const RayScene&) = delete;
-  RayScene& operator=(const RayScene&) = delete;
+  RayScene(RayScene&&) noexcept;
+  RayScene& operator=(RayScene&&) noexcept;
 
   /// First hits of kRayPacket rays from one origin beyond `near` direction lengths.
   void Trace(const Eigen::Vector3f& origin, float near, std::span<const Eigen::Vector3f> directions,
@@ -37,6 +39,7 @@ class RayScene {
 
  private:
   struct Impl;
+  explicit RayScene(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
 

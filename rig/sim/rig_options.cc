@@ -138,7 +138,6 @@ std::string CameraName(int column, int row) {
 
 Calibration DrawRig(const RigOptions& options, uint64_t seed, int count, double picture_scale) {
   Calibration truth;
-  truth.id = "simulated-" + std::to_string(seed);
   truth.created_at = "2000-01-01T00:00:00Z";
   truth.source = CalibrationSource::kTruth;
   for (const auto& [column, row] : ChooseCameras(options.geometry, count)) {

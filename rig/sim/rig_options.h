@@ -66,7 +66,7 @@ std::string CameraName(int column, int row);
 
 /// The true cameras of a rig with this seed, sorted by name, pictures scaled by `picture_scale`.
 /// `count` of columns x rows are kept, spread evenly over both; a camera that is kept is the same
-/// for any count.
+/// for any count. The id is the caller's to give.
 Calibration DrawRig(const RigOptions& options, uint64_t seed, int count, double picture_scale);
 
 }  // namespace rotunda::sim

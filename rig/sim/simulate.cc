@@ -49,21 +49,24 @@ Status Validate(const RigOptions& rig, const SimulateOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(rig.Validate());
   if (options.target == Target::kCuboid) ROTUNDA_RETURN_IF_ERROR(options.cuboid.Validate());
   const int most = rig.geometry.columns * rig.geometry.rows;
-  const auto refused = [](const char* option, double value, const std::string& allowed) {
+  const auto refused = [](const char* what, double value, const std::string& expected) {
     std::ostringstream text;
-    text << "is " << value << ", allowed is " << allowed;
-    return Error{ErrorCode::kInvalidArgument, text.str(), option};
+    text << what << " is " << value << ", expected " << expected;
+    return Error{ErrorCode::kInvalidArgument, text.str(), ""};
   };
   if (options.cameras < 2 || options.cameras > most) {
-    return refused("cameras", options.cameras, "2 to " + std::to_string(most) + " (the rig's)");
+    return refused("number of cameras", options.cameras,
+                   "2 to " + std::to_string(most) + " (the rig's)");
   }
   if (!(options.height_m >= 0.8 && options.height_m <= 2.2)) {
-    return refused("height_m", options.height_m, "0.8 to 2.2");
+    return refused("height of the body", options.height_m, "0.8 to 2.2 m");
   }
   if (!(options.picture_scale > 0.05 && options.picture_scale <= 2.0)) {
-    return refused("picture_scale", options.picture_scale, "0.05 to 2");
+    return refused("scale of the pictures", options.picture_scale, "more than 0.05, at most 2");
   }
-  if (options.placement < 0) return refused("placement", options.placement, "0 or more");
+  if (options.placement < 0) {
+    return refused("placement of the cuboid", options.placement, "0 or more");
+  }
   if (options.target == Target::kBody && options.texture == GarmentTexture::kOwn &&
       options.body == "procedural") {
     return Error{ErrorCode::kInvalidArgument,
@@ -87,7 +90,9 @@ WorldObject MakeProceduralBody(const SimulateOptions& options, RunContext& conte
 Result<WorldObject> MakeObjBody(const SimulateOptions& options) {
   ROTUNDA_ASSIGN_OR_RETURN(ObjBody body,
                            ReadObjBody(options.body, static_cast<float>(options.height_m)));
-  if (options.relief == Relief::kSymmetric) MirrorFrontOntoBack(body.layout, &body.mesh);
+  if (options.relief == Relief::kSymmetric) {
+    ROTUNDA_RETURN_IF_ERROR(MirrorFrontOntoBack(body.layout, &body.mesh));
+  }
   std::unique_ptr<Garment> garment;
   if (options.texture != GarmentTexture::kOwn) {
     garment = std::make_unique<Garment>(options.texture, DeriveSeed(options.seed, kGarmentSeed),
@@ -116,7 +121,7 @@ Frame DescribeFrame(const CalibratedCamera& camera, const RigOptions& rig) {
 Status WritePictures(const World& world, const Calibration& truth, const RigOptions& rig,
                      const SimulateOptions& options, const std::filesystem::path& folder,
                      std::vector<Frame>* frames, RunContext& context) {
-  const RayScene scene(world, false);
+  ROTUNDA_ASSIGN_OR_RETURN(const RayScene scene, RayScene::Build(world, false));
   std::vector<std::optional<Error>> errors(frames->size());
   std::mutex progress;
   size_t done = 0;
@@ -164,7 +169,7 @@ Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
   }
   context.Report("world", 1, 2);
   if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped while building", ""};
-  BakeLight(&world, context.threads);
+  ROTUNDA_RETURN_IF_ERROR(BakeLight(&world, context.threads));
   context.Report("world", 2, 2);
   return world;
 }
@@ -184,10 +189,11 @@ Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
   ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
   ROTUNDA_ASSIGN_OR_RETURN(const World world, BuildWorld(rig, options, context));
-  const Calibration truth =
+  Calibration truth =
       DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
+  truth.id = "simulated-" + std::to_string(options.seed);
   FrameSet set;
-  set.id = "simulated-" + std::to_string(options.seed);
+  set.id = truth.id;
   set.captured_at = truth.created_at;
   set.trigger["source"] = "simulated";
   for (const CalibratedCamera& camera : truth.cameras) {

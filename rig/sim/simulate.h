@@ -41,8 +41,9 @@ Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
 Picture RenderPicture(const World& world, const RayScene& scene, const CalibratedCamera& camera,
                       const RigSensor& sensor, const SimulateOptions& options);
 
-/// Writes a frame set with truth.json and calibration.json (DrawCalibration) to `out`, which appears
-/// whole or not at all. The bytes depend on the options alone. kInvalidArgument names the option; kCancelled when stopped.
+/// Writes a frame set with truth.json and calibration.json (DrawCalibration) to `out`, which
+/// appears whole or not at all. The bytes depend on the options alone. kInvalidArgument names the
+/// option; kCancelled when stopped.
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context);
 

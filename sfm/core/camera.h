@@ -10,6 +10,9 @@
 
 namespace rotunda {
 
+/// Pictures and cameras with a longer side are refused by every reader.
+inline constexpr int kMaxPictureSide_px = 100000;
+
 /// COLMAP's models, with COLMAP's parameter order and meaning (src/base/camera_models.h of 3.8).
 /// Pixel (0.5, 0.5) is the centre of the top-left pixel.
 enum class CameraModel {

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <system_error>
 
+#include "sfm/core/camera.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/json_reader.h"
 #include "sfm/core/json_types.h"
@@ -16,7 +17,6 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr char kManifestName[] = "frameset.json";
-constexpr int kMaxSide_px = 100000;
 constexpr size_t kMaxNameLength = 255;
 constexpr std::array<std::string_view, 8> kPictureEndings = {".png",  ".jpg", ".jpeg", ".tif",
                                                              ".tiff", ".bmp", ".ppm",  ".pgm"};
@@ -91,8 +91,8 @@ Frame ReadFrame(const JsonField& object) {
       !problem.empty() && (is_ok || !frame.file.empty())) {
     object["file"].Refuse("a path below the frame set's folder, but it " + problem);
   }
-  frame.width_px = static_cast<int>(object["width"].Unsigned(is_ok ? 1 : 0, kMaxSide_px));
-  frame.height_px = static_cast<int>(object["height"].Unsigned(is_ok ? 1 : 0, kMaxSide_px));
+  frame.width_px = static_cast<int>(object["width"].Unsigned(is_ok ? 1 : 0, kMaxPictureSide_px));
+  frame.height_px = static_cast<int>(object["height"].Unsigned(is_ok ? 1 : 0, kMaxPictureSide_px));
   frame.pixel_format = object["pixel_format"].String();
   frame.exposure_us = object["exposure_us"].Number();
   frame.gain_db = object["gain_db"].Number();
@@ -101,6 +101,17 @@ Frame ReadFrame(const JsonField& object) {
   frame.xxh3 = object["xxh3"].String();
   if (!IsXxh3(frame.xxh3)) object["xxh3"].Refuse("16 hexadecimal digits");
   return frame;
+}
+
+TriggerValue ReadTriggerValue(const JsonField& field) {
+  const nlohmann::json& value = *field.value();
+  if (value.is_string()) return value.get<std::string>();
+  if (value.is_boolean()) return value.get<bool>();
+  if (value.is_number_unsigned()) return value.get<uint64_t>();
+  if (value.is_number_integer()) return value.get<int64_t>();
+  if (value.is_number()) return value.get<double>();
+  field.Refuse("a string, a number, true or false");
+  return {};
 }
 
 std::string SizeText(const Frame& frame) {
@@ -199,7 +210,12 @@ Result<FrameSet> FrameSetOfPictures(const fs::path& folder) {
   FrameSet set;
   set.folder = folder;
   set.plain_folder = true;
-  const fs::path place = fs::absolute(folder).lexically_normal();
+  std::error_code error;
+  const fs::path place = fs::absolute(folder, error).lexically_normal();
+  if (error) {
+    return Error{ErrorCode::kIo, "cannot tell the folder's absolute path: " + error.message(),
+                 folder.string()};
+  }
   set.id = (place.has_filename() ? place : place.parent_path()).filename().string();
   std::map<std::string, std::string> file_of_camera;
   for (const std::string& file : files) {
@@ -246,7 +262,9 @@ std::string FrameSetToJson(const FrameSet& set) {
   root["captured_at"] = set.captured_at;
   if (set.subject) root["subject"] = *set.subject;
   root["trigger"] = Json::object();
-  for (const auto& [key, value] : set.trigger) root["trigger"][key] = value;
+  for (const auto& [key, value] : set.trigger) {
+    std::visit([&, &name = key](const auto& plain) { root["trigger"][name] = plain; }, value);
+  }
   root["frames"] = Json::array();
   for (const Frame& frame : set.frames) root["frames"].push_back(FrameJson(frame));
   return JsonText(root);
@@ -261,7 +279,9 @@ Result<FrameSet> FrameSetFromJson(const std::string& text, const std::string& so
   set.id = root["id"].String();
   set.captured_at = root["captured_at"].String();
   if (root["subject"].present()) set.subject = root["subject"].String();
-  for (const auto& [key, value] : root["trigger"].Members()) set.trigger[key] = value.String();
+  for (const auto& [key, value] : root["trigger"].Members()) {
+    set.trigger[key] = ReadTriggerValue(value);
+  }
   for (const JsonField& item : root["frames"].Items()) set.frames.push_back(ReadFrame(item));
   if (set.frames.empty()) root["frames"].Refuse("at least one frame");
   CheckUnique(root["frames"], set.frames);

@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "sfm/core/ids.h"
@@ -28,6 +29,9 @@ struct Frame {
   std::string xxh3;           // 16 hex digits, XXH3-64 of the picture file; empty when not known
 };
 
+/// What a trigger may say of itself, as in JSON; numbers keep their kind.
+using TriggerValue = std::variant<std::string, bool, uint64_t, int64_t, double>;
+
 /// A synchronised shot of the rig, or a plain folder of pictures. Frames are sorted by camera name;
 /// ImageId is the place in `frames`.
 struct FrameSet {
@@ -35,7 +39,7 @@ struct FrameSet {
   std::string id;
   std::string captured_at;  // RFC 3339
   std::optional<std::string> subject;
-  std::map<std::string, std::string> trigger;  // e.g. {"source": "simulated"}
+  std::map<std::string, TriggerValue> trigger;  // e.g. {"source": "simulated"}
   std::vector<Frame> frames;
   bool plain_folder = false;  // true: no frameset.json, made from the pictures found
 
@@ -48,8 +52,8 @@ inline constexpr char kFrameSetFormat[] = "rotunda-frameset/1";
 
 /// Reads a frame set: `folder`/frameset.json when it is there, else the pictures (*.png, *.jpg,
 /// *.jpeg, *.tif, *.tiff, *.bmp, *.ppm, *.pgm, not recursive; a folder "images" or "frames" below
-/// is used when `folder` itself has none) with camera = file name without its ending; sizes then
-/// come from the pictures' headers and are 0 until BuildFeatures reads them. Errors (kBadInput /
+/// is used when `folder` itself has none) with camera = file name without its ending; sizes are
+/// then 0: nobody knows them before BuildFeatures has read the pictures. Errors (kBadInput /
 /// kNotFound): no such folder, no picture, wrong format version, a field that is missing or of the
 /// wrong type, a camera twice, two sizes under one camera, a file outside of the folder, a file
 /// that is listed with status "ok" and is not there.

@@ -31,6 +31,8 @@ class JsonField {
   /// A field of an object; `present()` is false when the object does not have it.
   JsonField operator[](const std::string& key) const;
   bool present() const { return value_ != nullptr; }
+  /// The value itself, for what may have several types; null when it is not present.
+  const nlohmann::json* value() const { return value_; }
 
   std::string String() const;
   bool Bool() const;

@@ -8,7 +8,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kMaxSide_px = 100000;
 constexpr double kMaxNormError = 1e-6;
 /// Below this a norm differs from 1 by rounding alone, and the numbers are kept as they are, so
 /// that writing what was read gives the same text.
@@ -58,8 +57,8 @@ void AddIntrinsics(const CameraIntrinsics& intrinsics, Json& object) {
 
 CameraIntrinsics ReadIntrinsics(const JsonField& object) {
   CameraIntrinsics intrinsics;
-  intrinsics.width_px = static_cast<int>(object["width"].Unsigned(1, kMaxSide_px));
-  intrinsics.height_px = static_cast<int>(object["height"].Unsigned(1, kMaxSide_px));
+  intrinsics.width_px = static_cast<int>(object["width"].Unsigned(1, kMaxPictureSide_px));
+  intrinsics.height_px = static_cast<int>(object["height"].Unsigned(1, kMaxPictureSide_px));
   const Result<CameraModel> model = CameraModelFromName(object["model"].String());
   if (!model) {
     object["model"].Fail(model.error().message);

@@ -117,7 +117,7 @@ Json SummaryJson(const PoseSummary& summary) {
   if (summary.mean_rotation_deg) object["mean_rotation_deg"] = *summary.mean_rotation_deg;
   if (summary.mean_position_mm) object["mean_position_mm"] = *summary.mean_position_mm;
   object["ambiguous_communities"] = summary.ambiguous_communities;
-  object["folded"] = summary.folded;
+  if (summary.folded) object["folded"] = *summary.folded;
   return object;
 }
 
@@ -134,7 +134,7 @@ PoseSummary ReadSummary(const JsonField& object) {
   if (rotation.present()) summary.mean_rotation_deg = rotation.Number();
   if (position.present()) summary.mean_position_mm = position.Number();
   summary.ambiguous_communities = object["ambiguous_communities"].Unsigned();
-  summary.folded = object["folded"].Bool();
+  if (object["folded"].present()) summary.folded = object["folded"].Bool();
   return summary;
 }
 

@@ -56,7 +56,7 @@ struct PoseSummary {
   std::optional<double> mean_rotation_deg;  // against the calibration, when there is one
   std::optional<double> mean_position_mm;
   size_t ambiguous_communities = 0;
-  bool folded = false;
+  std::optional<bool> folded;  // absent: nothing was at hand to tell
 };
 
 /// What a reconstruction gives: poses.json. Cameras are sorted by name; all cameras of the frame

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <limits>
 
 #include "tests/support/reconstruction_near.h"
 #include "tests/support/synthetic_world.h"
@@ -194,6 +195,26 @@ TEST_F(BundleAdjustmentTest, RefusesNothingToDoAndBadOptions) {
   EXPECT_EQ(refused.error().context, "loss_scale");
   model.points.clear();
   EXPECT_FALSE(AdjustBundle(model, world.features, AllImages(world), {}, context_));
+}
+
+TEST_F(BundleAdjustmentTest, SaysWhenTheSolverFailsAndLeavesTheModelAsItWas) {
+  SyntheticWorld world = MakeSyntheticWorld({});
+  Reconstruction model = Perturbed(TrueReconstruction(world), 0.01, 0.01);
+  const Reconstruction before = model;
+  const Observation& seen = model.points[0].observations[0];
+  world.features.images[seen.image.index()].keypoints[seen.keypoint.index()].x_px =
+      std::numeric_limits<float>::quiet_NaN();
+  const auto failed = AdjustBundle(model, world.features, AllImages(world), {}, context_);
+  ASSERT_FALSE(failed);
+  EXPECT_EQ(failed.error().code, ErrorCode::kFailed);
+  EXPECT_EQ(failed.error().context, "bundle adjustment");
+  EXPECT_FALSE(failed.error().message.empty());
+  for (size_t i = 0; i < model.cam_from_model.size(); ++i) {
+    EXPECT_EQ(model.cam_from_model[i]->Matrix(), before.cam_from_model[i]->Matrix());
+  }
+  for (size_t p = 0; p < model.points.size(); ++p) {
+    EXPECT_EQ(model.points[p].position, before.points[p].position) << "point " << p;
+  }
 }
 
 TEST_F(BundleAdjustmentTest, StopsWhenAskedTo) {

@@ -158,6 +158,19 @@ TEST(ColmapModel, ReadsWhatItWrites) {
   }
 }
 
+TEST(ColmapModel, FilesOfOneNameKeepTheirFolder) {
+  World world = MakeWorld();
+  world.set.frames[1].file = "left/1.png";
+  world.set.frames[4].file = "right/1.png";
+  const TemporaryFolder folder;
+  ASSERT_TRUE(Write(world, folder.path(), ColmapEncoding::kBinary).ok());
+  const auto model = ReadColmapModel(folder.path());
+  ASSERT_TRUE(model.ok()) << model.error().ToString();
+  EXPECT_EQ(model->image_names,
+            (std::vector<std::string>{"frames/c0.png", "left/1.png", "frames/c2.png",
+                                      "frames/c3.png", "right/1.png", "frames/c5.png"}));
+}
+
 TEST(ColmapModel, LeavesOutUnregisteredImagesAndTheirLens) {
   World world = MakeWorld();
   for (const size_t image : {1, 3, 5}) world.reconstruction.cam_from_model[image].reset();

@@ -149,17 +149,6 @@ TEST_F(Pictures, BayerFormatsGiveBackTheColours) {
   EXPECT_FALSE(ReadPicture(Encode("colour.png", bgr), "BayerRG8").ok());
 }
 
-TEST_F(Pictures, SizeComesFromTheHeader) {
-  for (const std::string name : {"a.png", "a.jpg", "a.bmp"}) {
-    const auto size = ReadPictureSize(Encode(name, Gradient(52, 34)));
-    ASSERT_TRUE(size.ok()) << name;
-    EXPECT_EQ(size->width_px, 52);
-    EXPECT_EQ(size->height_px, 34);
-  }
-  EXPECT_FALSE(ReadPictureSize(Write("text.png", "no picture")).ok());
-  EXPECT_FALSE(ReadPictureSize(folder_ / "missing.png").ok());
-}
-
 /// A TIFF block in either byte order, written entry by entry.
 class ExifWriter {
  public:

@@ -2,9 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "sfm/covariance.h"
+#include "sfm/model_builder.h"
 #include "tests/support/reconstruction_near.h"
 #include "tests/support/synthetic_world.h"
 
@@ -143,6 +145,133 @@ TEST_F(IncrementalTest, RefusesAnImageWhoseMatchesAreAllWrong) {
   EXPECT_LT(ErrorsOf(result->models[0], world.cam_from_world).max_rotation_rad, RadFromDeg(0.3));
 }
 
+TEST_F(IncrementalTest, TakesAnImageOutThatTooFewObservationsHold) {
+  SyntheticWorld world = MakeSyntheticWorld({});
+  const ImageId loose(4);
+  // Fifty points that enough others see, so that they do not give way to its keypoints.
+  size_t kept = 0;
+  std::erase_if(world.tracks.tracks, [&](const Track& track) {
+    const bool has = std::any_of(track.observations.begin(), track.observations.end(),
+                                 [&](const Observation& o) { return o.image == loose; });
+    return has && (track.observations.size() < 5 || kept++ >= 50);
+  });
+  // It comes last.
+  for (ViewGraphEdge& edge : world.view_graph.edges) {
+    if (edge.pair.first != loose && edge.pair.second != loose) continue;
+    edge.weight = 0.0;
+    world.two_views.pairs[edge.two_view].median_angle_rad = 0.0;
+  }
+  // PnP bears errors of 10 px, observations are dropped above 4 px.
+  test::NormalRandom random(9);
+  std::vector<Keypoint>& keypoints = world.features.images[loose.index()].keypoints;
+  for (size_t k = 0; k < keypoints.size(); ++k) {
+    const double angle_rad = 2.0 * kPi * random.Uniform();
+    keypoints[k].x_px += static_cast<float>(10.0 * std::cos(angle_rad));
+    keypoints[k].y_px += static_cast<float>(10.0 * std::sin(angle_rad));
+  }
+  const auto result = Build(world, {});
+  ASSERT_TRUE(result) << result.error().ToString();
+  ASSERT_EQ(result->models.size(), 1u);
+  const Reconstruction& model = result->models[0];
+  ASSERT_EQ(result->unregistered.size(), 1u)
+      << SummarizeReprojection(model, world.features).images[loose.index()].observations;
+  EXPECT_EQ(result->unregistered[0].image, loose);
+  EXPECT_TRUE(result->unregistered[0].reason.starts_with("only ") &&
+              result->unregistered[0].reason.ends_with(" observations hold after adjustment"))
+      << result->unregistered[0].reason;
+  EXPECT_FALSE(model.Registered(loose));
+  for (const Point3& point : model.points) {
+    EXPECT_GE(point.observations.size(), 2u);
+    for (const Observation& o : point.observations) EXPECT_TRUE(model.Registered(o.image));
+  }
+  EXPECT_LT(ErrorsOf(model, world.cam_from_world).max_rotation_rad, RadFromDeg(0.3));
+  const auto covariances = BuildPoseCovariances(model, world.features, false, context_);
+  EXPECT_TRUE(covariances) << covariances.error().ToString();
+}
+
+TEST_F(IncrementalTest, UnregistersUntilEveryImageHasEnough) {
+  const SyntheticWorld world = MakeSyntheticWorld({});
+  const IncrementalInput input = world.Input();
+  const IncrementalOptions options;
+  const TwoView& pair = world.two_views.pairs.front();
+  ModelBuilder builder(input, options, std::vector<bool>(world.tracks.tracks.size(), true),
+                       context_);
+  ASSERT_TRUE(builder.Initialize(pair, 10, 0.0).ok());
+  const size_t points = builder.PointCount();
+  EXPECT_TRUE(builder.UnregisterWeak(points).empty());
+  const std::vector<WeakImage> gone = builder.UnregisterWeak(points + 1);
+  ASSERT_EQ(gone.size(), 2u);
+  EXPECT_EQ(gone[0].observations, points);
+  EXPECT_EQ(builder.Registered(), 0u);
+  EXPECT_EQ(builder.PointCount(), 0u);
+  for (const ImageId image : ImagesBelow(world.cam_from_world.size())) {
+    EXPECT_EQ(builder.VisiblePoints(image), 0u) << "image " << image.index();
+  }
+}
+
+TEST_F(IncrementalTest, ImagesOfOneBatchSetTheirSharedFocalLengthOnce) {
+  SyntheticOptions synthetic;
+  synthetic.noise_px = 0.0;
+  synthetic.shared_lens = true;
+  SyntheticWorld world = MakeSyntheticWorld(synthetic);
+  const TwoView pair = world.two_views.pairs.front();
+  // All pictures but the first pair's come from a second lens that is guessed 1.3 times too long.
+  CameraIntrinsics guessed = world.intrinsics.lenses[0];
+  const double truth_px = guessed.MeanFocal_px();
+  for (size_t p = 0; p < guessed.params.size(); ++p) {
+    if (IsFocal(guessed.model, p)) guessed.params[p] *= 1.3;
+  }
+  world.intrinsics.lenses.push_back(guessed);
+  world.intrinsics.lens_of_image.assign(world.cam_from_world.size(), 1);
+  world.intrinsics.lens_of_image[pair.pair.first.index()] = 0;
+  world.intrinsics.lens_of_image[pair.pair.second.index()] = 0;
+  const IncrementalInput input = world.Input();
+  IncrementalOptions options;
+  options.refine_intrinsics = true;
+  ModelBuilder builder(input, options, std::vector<bool>(world.tracks.tracks.size(), true),
+                       context_);
+  ASSERT_TRUE(builder.Initialize(pair, 10, 0.0).ok());
+  std::vector<ImageId> batch;
+  for (const ImageId image : ImagesBelow(world.cam_from_world.size())) {
+    if (!builder.IsRegistered(image)) batch.push_back(image);
+  }
+  std::stable_sort(batch.begin(), batch.end(), [&](ImageId a, ImageId b) {
+    return builder.VisiblePoints(a) > builder.VisiblePoints(b);
+  });
+  const auto first = builder.EstimatePose(batch[0], 15);
+  const auto second = builder.EstimatePose(batch[1], 15);
+  ASSERT_TRUE(first && second);
+  builder.Register(batch[0], *first);
+  builder.Register(batch[1], *second);
+  // The distortion was taken off for the wrong focal length, which costs some per cent.
+  EXPECT_NEAR(builder.Take().intrinsics.lenses[1].MeanFocal_px() / truth_px, 1.0, 0.03);
+}
+
+TEST_F(IncrementalTest, SmallModelsKeepTheirLenses) {
+  SyntheticOptions synthetic;
+  synthetic.columns = 12;
+  synthetic.rows = 1;
+  synthetic.points = 1200;
+  synthetic.shared_lens = true;
+  SyntheticWorld world = MakeSyntheticWorld(synthetic);
+  Disconnect(world, ImagesBelow(3));
+  IncrementalOptions options;
+  options.refine_intrinsics = true;
+  const auto result = Build(world, options);
+  ASSERT_TRUE(result) << result.error().ToString();
+  ASSERT_EQ(result->models.size(), 2u);
+  EXPECT_TRUE(RefinesIntrinsics(RegisteredCount(result->models[0]), options));
+  EXPECT_FALSE(RefinesIntrinsics(RegisteredCount(result->models[1]), options));
+  const Reconstruction& small = result->models[1];
+  EXPECT_NE(result->models[0].intrinsics.lenses[0].params, world.intrinsics.lenses[0].params);
+  const std::vector<double>& truth = world.intrinsics.lenses[0].params;
+  const std::vector<double>& held = small.intrinsics.lenses[0].params;
+  for (size_t p = 0; p < held.size(); ++p) {
+    if (IsFocal(small.intrinsics.lenses[0].model, p)) continue;
+    EXPECT_EQ(held[p], truth[p]) << "parameter " << p;
+  }
+}
+
 TEST_F(IncrementalTest, RefinesLensesThatStartWrong) {
   SyntheticOptions options;
   options.model = CameraModel::kSimpleRadial;
@@ -219,6 +348,9 @@ TEST_F(IncrementalTest, StopsWhenAskedToAndRefusesBadOptions) {
   const auto refused = Build(world, bad);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().context, "global_ba_growth");
+  IncrementalOptions two;
+  two.min_model_images = 2;
+  EXPECT_EQ(two.Validate().error().context, "min_model_images");
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <limits>
 
 #include "sfm/core/file_io.h"
 #include "tests/support/process.h"
@@ -89,8 +90,54 @@ TEST(StageIo, KeypointsThatAreNotThereAreRefused) {
   EXPECT_FALSE(ReadMatches(folder / "m", features).ok());
   ASSERT_TRUE(WriteMatches({{{{ImageId(1), ImageId(0)}, {}}}}, folder / "m").ok());
   EXPECT_FALSE(ReadMatches(folder / "m", features).ok());
-  ASSERT_TRUE(WriteTracks({{{{{ImageId(2), KeypointId(0)}}}}}, folder / "k").ok());
-  EXPECT_FALSE(ReadTracks(folder / "k", features).ok());
+}
+
+TEST(StageIo, FeaturesThatAreNotNumbersAreRefused) {
+  const test::TemporaryFolder folder;
+  Features features = TwoSmallPictures();
+  features.images[1].keypoints[2].y_px = std::numeric_limits<float>::quiet_NaN();
+  ASSERT_TRUE(WriteFeatures(features, folder / "f").ok());
+  const auto read = ReadFeatures(folder / "f");
+  ASSERT_FALSE(read.ok());
+  EXPECT_EQ(read.error().message, "a keypoint of picture 1 is not finite numbers");
+}
+
+TEST(StageIo, PosesThatAreNoneAreRefused) {
+  const test::TemporaryFolder folder;
+  const auto reads = [&](const std::function<void(TwoView&)>& change) {
+    TwoView view;
+    view.pair = kPair;
+    change(view);
+    EXPECT_TRUE(WriteTwoViews({{view}}, folder / "t").ok());
+    return ReadTwoViews(folder / "t", TwoSmallPictures()).ok();
+  };
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  EXPECT_TRUE(reads([](TwoView&) {}));
+  EXPECT_TRUE(reads([](TwoView& v) { v.second_from_first.rotation.w() = 1 + 0.9e-6; }));
+  EXPECT_FALSE(reads([](TwoView& v) { v.second_from_first.rotation.w() = 1 + 1.1e-6; }));
+  EXPECT_FALSE(reads([](TwoView& v) { v.second_from_first.rotation.x() = kNaN; }));
+  EXPECT_FALSE(reads([](TwoView& v) { v.second_from_first.translation.y() = kInfinity; }));
+  EXPECT_FALSE(reads([](TwoView& v) { v.median_angle_rad = kNaN; }));
+}
+
+TEST(StageIo, TracksThatAreNoneAreRefused) {
+  const test::TemporaryFolder folder;
+  const auto problem = [&](const std::vector<Observation>& observations) -> std::string {
+    EXPECT_TRUE(WriteTracks({{{observations}}}, folder / "k").ok());
+    const auto read = ReadTracks(folder / "k", TwoSmallPictures());
+    return read.ok() ? "" : read.error().message;
+  };
+  const auto at = [](size_t image, size_t keypoint) {
+    return Observation{ImageId(image), KeypointId(keypoint)};
+  };
+  EXPECT_EQ(problem({at(0, 2), at(1, 3)}), "");
+  EXPECT_EQ(problem({at(0, 3), at(1, 3)}), "track 0 names a keypoint that is not there");
+  EXPECT_EQ(problem({at(0, 0), at(2, 0)}), "track 0 names a keypoint that is not there");
+  EXPECT_EQ(problem({at(1, 0), at(0, 0)}), "track 0 is not sorted by picture");
+  EXPECT_EQ(problem({at(0, 0), at(0, 1)}), "track 0 has two observations in one picture");
+  EXPECT_EQ(problem({at(1, 0)}), "track 0 has 1 observations, expected 2 or more");
+  EXPECT_EQ(problem({}), "track 0 has 0 observations, expected 2 or more");
 }
 
 TEST(StageIo, AnotherKindOfFileIsNamed) {

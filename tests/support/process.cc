@@ -16,6 +16,8 @@
 namespace rotunda::test {
 namespace {
 
+constexpr auto kPollInterval = std::chrono::milliseconds(2);
+
 std::string Slurp(const std::filesystem::path& file) {
   std::ostringstream text;
   text << std::ifstream(file, std::ios::binary).rdbuf();
@@ -35,20 +37,26 @@ std::string Slurp(const std::filesystem::path& file) {
 
 }  // namespace
 
-ProcessOutcome RunProcess(const std::vector<std::string>& arguments, double interrupt_after_s) {
+ProcessOutcome RunProcess(const std::vector<std::string>& arguments,
+                          const std::function<bool()>& interrupt_when) {
   const TemporaryFolder streams;
   const std::string out = (streams / "out").string(), err = (streams / "err").string();
   const auto begin = std::chrono::steady_clock::now();
   const pid_t child = fork();
   if (child < 0) throw std::runtime_error("fork failed");
   if (child == 0) Become(arguments, out.c_str(), err.c_str());
-  if (interrupt_after_s > 0) {
-    std::this_thread::sleep_for(std::chrono::duration<double>(interrupt_after_s));
-    kill(child, SIGINT);
-  }
   int status = 0;
   rusage usage{};
-  wait4(child, &status, 0, &usage);
+  if (interrupt_when) {
+    bool ended = false;
+    while (!(ended = wait4(child, &status, WNOHANG, &usage) == child) && !interrupt_when()) {
+      std::this_thread::sleep_for(kPollInterval);
+    }
+    if (!ended) kill(child, SIGINT);
+    if (!ended) wait4(child, &status, 0, &usage);
+  } else {
+    wait4(child, &status, 0, &usage);
+  }
   const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - begin;
   return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), Slurp(out), Slurp(err),
           spent.count(), static_cast<double>(usage.ru_maxrss) / 1024.0};

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -15,9 +16,10 @@ struct ProcessOutcome {
   double peak_memory_mb = 0;
 };
 
-/// Runs `arguments` (the program first, found on PATH) and waits. `interrupt_after_s` > 0 sends
-/// SIGINT after that time.
-ProcessOutcome RunProcess(const std::vector<std::string>& arguments, double interrupt_after_s = 0);
+/// Runs `arguments` (the program first, found on PATH) and waits. As soon as `interrupt_when` says
+/// true, SIGINT is sent.
+ProcessOutcome RunProcess(const std::vector<std::string>& arguments,
+                          const std::function<bool()>& interrupt_when = nullptr);
 
 /// A folder under the system's temporary folder that is removed in the end.
 class TemporaryFolder {

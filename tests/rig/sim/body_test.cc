@@ -7,6 +7,7 @@
 #include "rig/sim/body_shape.h"
 #include "rig/sim/garment.h"
 #include "rig/sim/obj_body.h"
+#include "sfm/core/file_io.h"
 
 namespace rotunda::sim {
 namespace {
@@ -180,6 +181,18 @@ TEST(ObjBody, MissingFileAndNotAMeshAreErrors) {
   const std::filesystem::path file = std::filesystem::path(testing::TempDir()) / "not_a_mesh.obj";
   std::fclose(std::fopen(file.c_str(), "w"));
   EXPECT_EQ(ReadObjBody(file, 1.7f).error().code, ErrorCode::kBadInput);
+  const std::string too_long(300, 'a');  // for a file name
+  EXPECT_EQ(ReadObjBody(too_long, 1.7f).error().code, ErrorCode::kIo);
+}
+
+TEST(ObjBody, AMeshWithoutHeightIsRefused) {
+  const std::filesystem::path file = std::filesystem::path(testing::TempDir()) / "flat.obj";
+  ASSERT_TRUE(WriteFileAtomically(file, "v 0 2 5\nv 1 2 5\nv 3 2 5\nf 1 2 3\n"));
+  const auto body = ReadObjBody(file, 1.7f);
+  ASSERT_FALSE(body);
+  EXPECT_EQ(body.error().code, ErrorCode::kBadInput);
+  EXPECT_EQ(body.error().context, file.string());
+  EXPECT_NE(body.error().message.find("is flat"), std::string::npos) << body.error().message;
 }
 
 }  // namespace

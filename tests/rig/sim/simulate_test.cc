@@ -80,6 +80,9 @@ TEST(SimulateFrameSet, ReadsBackAsAFrameSetWithTruth) {
     EXPECT_EQ(picture->height, truth->cameras[i].intrinsics.height_px);
   }
   EXPECT_EQ(truth->source, CalibrationSource::kTruth);
+  EXPECT_EQ(set->id, "simulated-3");
+  EXPECT_EQ(truth->id, "simulated-3");
+  EXPECT_EQ(set->trigger.at("source"), TriggerValue("simulated"));
 }
 
 TEST(SimulateFrameSet, RefusesBadOptionsAndLeavesNothing) {
@@ -90,9 +93,19 @@ TEST(SimulateFrameSet, RefusesBadOptionsAndLeavesNothing) {
   options.cameras = 91;
   Status status = SimulateFrameSet({}, options, out, context);
   ASSERT_FALSE(status);
-  EXPECT_EQ(status.error().context, "cameras");
-  EXPECT_NE(status.error().message.find("2 to 90"), std::string::npos);
+  EXPECT_EQ(status.error().ToString(), "number of cameras is 91, expected 2 to 90 (the rig's)");
   options.cameras = 3;
+  options.height_m = 3;
+  status = SimulateFrameSet({}, options, out, context);
+  ASSERT_FALSE(status);
+  EXPECT_EQ(status.error().ToString(), "height of the body is 3, expected 0.8 to 2.2 m");
+  options.height_m = 1.7;
+  options.picture_scale = 0;
+  status = SimulateFrameSet({}, options, out, context);
+  ASSERT_FALSE(status);
+  EXPECT_EQ(status.error().ToString(),
+            "scale of the pictures is 0, expected more than 0.05, at most 2");
+  options.picture_scale = 1;
   options.texture = GarmentTexture::kOwn;
   status = SimulateFrameSet({}, options, out, context);
   ASSERT_FALSE(status);
@@ -135,7 +148,7 @@ class CuboidPictures : public testing::Test {
     rig_.sensor.read_noise_e = 0;
     truth_ = DrawRig(rig_, 17, 4, 1.0);
     world_ = BuildWorld(rig_, options_, context_).value();
-    scene_ = std::make_unique<RayScene>(world_, false);
+    scene_ = std::make_unique<RayScene>(RayScene::Build(world_, false).value());
   }
   cv::Mat Render(const CalibratedCamera& camera) {
     return GrayOf(RenderPicture(world_, *scene_, camera, rig_.sensor, options_));

@@ -35,7 +35,8 @@ FrameSet MakeSet() {
   set.id = "shot-1";
   set.captured_at = "2024-06-10T06:13:20Z";
   set.subject = "Zoë \"Z\"";
-  set.trigger = {{"source", "simulated"}, {"line", "4"}};
+  set.trigger = {
+      {"source", "simulated"}, {"armed", true}, {"line", uint64_t{4}}, {"delay_us", -2.5}};
   set.frames = {MakeFrame("c00r0"), MakeFrame("c00r1"), MakeFrame("c01r0")};
   return set;
 }
@@ -84,7 +85,9 @@ TEST(FrameSetJson, HasTheKeysOfTheFormatInOrder) {
  "captured_at": "2024-06-10T06:13:20Z",
  "subject": "Zoë \"Z\"",
  "trigger": {
-  "line": "4",
+  "armed": true,
+  "delay_us": -2.5,
+  "line": 4,
   "source": "simulated"
  },
  "frames": [
@@ -105,6 +108,16 @@ TEST(FrameSetJson, HasTheKeysOfTheFormatInOrder) {
  ]
 }
 )");
+}
+
+TEST(FrameSetJson, TheTriggersValuesKeepTheirType) {
+  const json trigger = json::parse(
+      R"({"a": "4", "b": 4, "c": -4, "d": 4.0, "e": false, "f": 18446744073709551615, "g": 1e-9})");
+  json text = Parsed(MakeSet());
+  text["trigger"] = trigger;
+  const auto read = FrameSetFromJson(text.dump(), "text");
+  ASSERT_TRUE(read.ok()) << read.error().ToString();
+  EXPECT_EQ(Parsed(*read)["trigger"].dump(), trigger.dump());
 }
 
 TEST(FrameSetJson, SortsFramesByCamera) {
@@ -141,7 +154,10 @@ TEST(FrameSetJson, NamesTheFieldWhatWasFoundAndWhatWasExpected) {
       {"/format", gone, "format: expected \"rotunda-frameset/1\", found nothing"},
       {"/id", 5, "id: expected a string, found 5"},
       {"/trigger", json::array(), "trigger: expected an object, found an array of 0"},
-      {"/trigger/line", 4, "trigger.line: expected a string, found 4"},
+      {"/trigger/line", nullptr,
+       "trigger.line: expected a string, a number, true or false, found null"},
+      {"/trigger/line", json::object(),
+       "trigger.line: expected a string, a number, true or false, found an object"},
       {"/frames", gone, "frames: expected an array, found nothing"},
       {"/frames", json::array(), "frames: expected at least one frame, found an array of 0"},
       {"/frames/2", 3, "frames[2]: expected an object, found 3"},
