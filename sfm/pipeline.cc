@@ -258,7 +258,12 @@ struct Reference {
 Reference MeasureReference(const Run& run, const Reconstruction& model, const Features& features,
                            bool lenses_moved) {
   Reference reference;
-  if (!model.intrinsics.known) return reference;
+  if (!model.intrinsics.known) {
+    reference.notes.push_back(
+        "no uncertainties and no check: the lenses are not calibrated, and an error of a principal "
+        "point that is taken to be in the middle cannot be seen in the residuals");
+    return reference;
+  }
   Result<PoseCovariances> covariances =
       BuildPoseCovariances(model, features, lenses_moved, run.context);
   if (!covariances.ok()) {

@@ -222,6 +222,12 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
         "The model is folded: look-alike sides of the subject were laid on one another. Do not "
         "use these poses.");
   }
+  if (std::none_of(poses.cameras.begin(), poses.cameras.end(),
+                   [](const CameraPose& pose) { return pose.sigma.has_value(); })) {
+    say(Level::kLook,
+        "Not verified: without calibrated lenses there are no uncertainties, and nothing tells "
+        "whether the poses are right.");
+  }
   if (summary.models > 1) {
     say(Level::kLook, "The reconstruction broke into " + std::to_string(summary.models) +
                           " pieces that could not be joined; the largest is given.");

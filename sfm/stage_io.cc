@@ -68,7 +68,7 @@ class Reader {
     const uint64_t count = Get<uint64_t>();
     if (!Has(count, sizeof(T))) return values;
     values.resize(count);
-    std::memcpy(values.data(), bytes_.data() + position_, count * sizeof(T));
+    if (count > 0) std::memcpy(values.data(), bytes_.data() + position_, count * sizeof(T));
     position_ += count * sizeof(T);
     return values;
   }

@@ -5,6 +5,7 @@
 #include <map>
 #include <stop_token>
 #include <string>
+#include <vector>
 
 namespace rotunda::cli {
 
@@ -31,11 +32,15 @@ CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& na
 template <typename Enum>
 void AddChoice(CLI::App* command, const std::string& name, Enum& value, const std::string& help,
                const std::map<std::string, Enum>& choices) {
-  std::string names;
-  for (const auto& [choice, unused] : choices) names += (names.empty() ? "" : "|") + choice;
-  command->add_option(name, value, help)
-      ->transform(CLI::CheckedTransformer(choices).description(""))
-      ->type_name(names);
+  std::vector<std::string> names;
+  for (const auto& [choice, unused] : choices) names.push_back(choice);
+  command
+      ->add_option_function<std::string>(
+          name, [&value, choices](const std::string& choice) { value = choices.at(choice); }, help)
+      ->check(CLI::IsMember(names));
 }
+
+/// --seed: a whole number, nothing else.
+void AddSeed(CLI::App* command, uint64_t& seed, const std::string& help);
 
 }  // namespace rotunda::cli

@@ -61,7 +61,9 @@ void AddExport(CLI::App& app, CommonOptions& common, Action& chosen) {
   command->add_option("--format", arguments->format, "Format to write")
       ->check(CLI::IsMember({"colmap", "colmap-text", "ply"}))
       ->required();
-  command->add_option("--out", arguments->out, "Folder to make; must not exist or be empty")
+  command
+      ->add_option("--out", arguments->out,
+                   "Folder to make, in one that exists; if it is there it must be empty")
       ->type_name("DIR")
       ->required();
   command->callback([arguments, &common, &chosen] {

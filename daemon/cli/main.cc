@@ -19,6 +19,18 @@ CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& na
   return command;
 }
 
+void AddSeed(CLI::App* command, uint64_t& seed, const std::string& help) {
+  const CLI::Validator whole(
+      [](const std::string& text) {
+        constexpr size_t kMaxDigits = 18;
+        const bool fine = !text.empty() && text.size() <= kMaxDigits &&
+                          text.find_first_not_of("0123456789") == std::string::npos;
+        return fine ? std::string() : "'" + text + "' is not a whole number of at most 18 digits";
+      },
+      "");
+  command->add_option("--seed", seed, help)->check(whole)->capture_default_str();
+}
+
 int Main(int argc, char** argv) {
   const InterruptWatch interrupt;
   CommonOptions common;

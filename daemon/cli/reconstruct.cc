@@ -141,11 +141,15 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
   CLI::App* command = AddCommand(
       app, common, "reconstruct",
       "Find the camera poses of a frame set, or of a plain folder of pictures, from the pictures.\n"
-      "Writes poses.json, sparse/0 (COLMAP binary model), points.ply and report.html into DIR.",
+      "Writes poses.json, sparse/0 (COLMAP binary model), points.ply and report.html into DIR. "
+      "Done "
+      "(exit status 0) also means that some cameras may be missing: see 'registered'.",
       "rotunda reconstruct captures/0042 --out captures/0042-poses");
   command->add_option("FRAMESET", arguments->frameset, "Frame set, or folder of pictures")
       ->required();
-  command->add_option("--out", arguments->out, "Folder to make; must not exist or be empty")
+  command
+      ->add_option("--out", arguments->out,
+                   "Folder to make, in one that exists; if it is there it must be empty")
       ->type_name("DIR")
       ->required();
   command
@@ -182,8 +186,7 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
                    "Read the products up to this one from --stages instead of making them")
       ->check(CLI::IsMember({"features", "matches", "two-views", "tracks"}))
       ->needs(stages);
-  command->add_option("--seed", arguments->seed, "Seed of all random sampling")
-      ->capture_default_str();
+  AddSeed(command, arguments->seed, "Seed of all random sampling");
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
       const Status status = Reconstruct(*arguments, common);

@@ -63,7 +63,9 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Render what the cameras of a rig would take of a person, as a frame set with truth.json "
       "(the exact cameras) and calibration.json (as a calibration of the rig would have them).",
       "rotunda simulate capture --texture twin --relief symmetric --seed 7");
-  command->add_option("OUT", arguments->out, "Folder to make; must not exist or be empty")
+  command
+      ->add_option("OUT", arguments->out,
+                   "Folder to make, in one that exists; if it is there it must be empty")
       ->required();
   command->add_option("--rig", arguments->rig, "Rig to simulate; default: config/rig-90.toml's")
       ->type_name("FILE");
@@ -72,10 +74,12 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
                          {{"body", sim::Target::kBody}, {"cuboid", sim::Target::kCuboid}});
   command->add_option("--board", arguments->board, "The cuboid; default: config/cuboid.toml's")
       ->type_name("FILE");
-  command->add_option("--placement", options.placement, "Where the cuboid stands: 0, 1, 2, ...")
-      ->check(CLI::NonNegativeNumber)
+  command
+      ->add_option("--placement", options.placement,
+                   "With the target cuboid: where it stands, 0, 1, 2, ...")
+      ->check(CLI::Range(0, 10000))
       ->capture_default_str();
-  command->add_option("--body", options.body, "procedural, or an .obj file")
+  command->add_option("--body", options.body, "With the target body: procedural, or an .obj file")
       ->capture_default_str()
       ->type_name("procedural|FILE.obj");
   AddChoice<sim::GarmentTexture>(command, "--texture", options.texture,
@@ -94,14 +98,18 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       command, "--background", options.background,
       "studio (default: floor marks, poles, curtain) or plain",
       {{"studio", sim::Background::kStudio}, {"plain", sim::Background::kPlain}});
-  command->add_option("--height", options.height_m, "Height of the body in metres")
+  command->add_option("--height", options.height_m, "Height of the body in metres, 0.8 to 2.2")
       ->capture_default_str();
-  command->add_option("--seed", options.seed, "Seed of cameras, body, garment and noise")
+  AddSeed(command, options.seed, "Seed of cameras, body, garment and noise");
+  command
+      ->add_option("--cameras", options.cameras,
+                   "How many of the rig's cameras, evenly spread; with fewer than about 30 "
+                   "neighbours no longer overlap")
+      ->check(CLI::Range(2, 10000))
       ->capture_default_str();
-  command->add_option("--cameras", options.cameras, "How many of the rig's cameras, evenly spread")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--scale", options.picture_scale, "Size of the pictures; 1 is the rig's")
+  command
+      ->add_option("--scale", options.picture_scale,
+                   "Size of the pictures, above 0.05 to 2; 1 is the rig's")
       ->capture_default_str();
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {

@@ -308,6 +308,8 @@ TEST(WrongUsage, EveryRowExitsWithTwo) {
       {"reconstruct", "somewhere", "--out", "x", "--fix-intrinsics", "--refine-intrinsics"},
       {"simulate", "out", "--cameras", "many"},
       {"simulate", "out", "--cameras", "0"},
+      {"simulate", "out", "--seed", "-1"},
+      {"simulate", "out", "--texture", "3"},
       {"export", "somewhere", "--format", "fax", "--out", "x"},
       {"evaluate", "poses.json"},
   };
