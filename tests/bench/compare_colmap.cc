@@ -84,7 +84,8 @@ Outcome RunRotunda(const Scene& scene, const fs::path& work) {
       RunOrDie({ROTUNDA_COMMAND, "reconstruct", scene.frameset, "--calibration", scene.calibration,
                 "--fix-intrinsics", "--out", out, "--json"});
   Outcome outcome;
-  for (const auto& stage : nlohmann::json::parse(run.output)["stages"]) {
+  const nlohmann::json result = nlohmann::json::parse(run.output);
+  for (const nlohmann::json& stage : result["stages"]) {
     Add(outcome.stages[ColmapStage(stage["stage"])], stage["seconds"], stage["peak_memory_mb"]);
   }
   outcome.evaluation = OrDie(EvaluatePoses(OrDie(ReadPoseSet(out / "poses.json")), scene.truth));

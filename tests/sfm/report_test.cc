@@ -109,6 +109,7 @@ class ReportTest : public testing::Test {
     pose.sigma.reset();
     pose.vs_calibration.reset();
     Summarize();
+    poses_.summary.folded = false;
   }
 
   void MakeArbitrary() {
@@ -116,6 +117,7 @@ class ReportTest : public testing::Test {
     poses_.aligned_to.reset();
     calibration_.reset();
     for (CameraPose& pose : poses_.cameras) pose.vs_calibration.reset();
+    poses_.summary.folded.reset();
     poses_.summary.mean_rotation_deg.reset();
     poses_.summary.mean_position_mm.reset();
   }
