@@ -100,6 +100,7 @@ class ReportTest : public testing::Test {
     summary.points = reconstruction_.points.size();
     summary.mean_rotation_deg = 0.01;
     summary.mean_position_mm = 0.4;
+    summary.folded = false;
   }
 
   void Unregister(size_t camera, const std::string& reason) {
@@ -109,7 +110,6 @@ class ReportTest : public testing::Test {
     pose.sigma.reset();
     pose.vs_calibration.reset();
     Summarize();
-    poses_.summary.folded = false;
   }
 
   void MakeArbitrary() {
