@@ -4,14 +4,13 @@
 #include <atomic>
 #include <cmath>
 #include <functional>
-#include <opencv2/core/utility.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 #include <tuple>
 
 #include "sfm/core/rigid3.h"
-#include "sfm/image_io.h"
+#include "sfm/frame_pictures.h"
 
 namespace rotunda::sfm {
 namespace {
@@ -30,19 +29,6 @@ constexpr float kDescriptorNorm = 512.0F;
 /// octaves above take every second sample, from sample 0 on). Measured on rendered blobs in the
 /// test.
 constexpr float kShiftFromOpenCv_px = 0.5F - 0.25F;
-
-/// OpenCV's own threads off while pictures are worked on side by side; the number of threads is a
-/// global of OpenCV, so it is put back.
-class SerialOpenCv {
- public:
-  SerialOpenCv() : threads_(cv::getNumThreads()) { cv::setNumThreads(1); }
-  ~SerialOpenCv() { cv::setNumThreads(threads_); }
-  SerialOpenCv(const SerialOpenCv&) = delete;
-  SerialOpenCv& operator=(const SerialOpenCv&) = delete;
-
- private:
-  int threads_;
-};
 
 bool SamePlace(const cv::KeyPoint& a, const cv::KeyPoint& b) {
   return a.pt == b.pt && a.size == b.size;
@@ -112,27 +98,11 @@ ImageFeatures Detect(const cv::Mat& bgr, const FeatureOptions& options) {
   return features;
 }
 
-/// The frame's picture, of the size the frame set says, if it says one.
-Result<cv::Mat> ReadFrame(const FrameSet& set, ImageId id) {
-  const Frame& frame = set.frame(id);
-  const std::filesystem::path file = set.PicturePath(id);
-  ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadPicture(file, frame.pixel_format));
-  const bool size_known = frame.width_px > 0 && frame.height_px > 0;
-  if (size_known && (bgr.cols != frame.width_px || bgr.rows != frame.height_px)) {
-    return Error{ErrorCode::kBadInput,
-                 "picture is " + std::to_string(bgr.cols) + "x" + std::to_string(bgr.rows) +
-                     ", the frame set says " + std::to_string(frame.width_px) + "x" +
-                     std::to_string(frame.height_px),
-                 file.string()};
-  }
-  return bgr;
-}
-
 Result<ImageFeatures> FeaturesOfFrame(const FrameSet& set, ImageId id,
                                       const FeatureOptions& options) {
   const Frame& frame = set.frame(id);
   if (frame.status != "ok") return ImageFeatures{frame.width_px, frame.height_px, {}, {}, {}};
-  ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadFrame(set, id));
+  ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadFramePicture(set, id));
   try {
     return Detect(bgr, options);
   } catch (const cv::Exception& exception) {
@@ -197,7 +167,7 @@ Result<Features> ColoredFeatures(const Features& features, const FrameSet& set,
   return ForEveryFrame("colours", set, context, [&](size_t i) -> Result<ImageFeatures> {
     ImageFeatures image = features.images[i];
     if (image.keypoints.empty()) return image;
-    ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadFrame(set, ImageId(i)));
+    ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, ReadFramePicture(set, ImageId(i)));
     if (bgr.cols != image.width_px || bgr.rows != image.height_px) {
       return Error{ErrorCode::kBadInput,
                    "picture is " + std::to_string(bgr.cols) + "x" + std::to_string(bgr.rows) +

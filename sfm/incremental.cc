@@ -266,6 +266,12 @@ Status Finish(ModelBuilder& builder, Growth& growth) {
   adjustment.function_tolerance = 1e-4;
   adjustment.max_iterations = 30;
   builder.UseAllTracks();
+  if (options.draft) {
+    builder.TriangulateAll();
+    builder.Filter(options.max_reprojection_px, std::numeric_limits<double>::infinity());
+    DropWeakImages(builder, growth);
+    return {};
+  }
   for (int round = 0; round < kMaxFinalRounds; ++round) {
     builder.TriangulateAll();
     adjustment.loss_scale = kFinalLossScale * builder.RobustSigma();
@@ -383,16 +389,22 @@ bool RefinesIntrinsics(size_t registered_images, const IncrementalOptions& optio
 
 namespace {
 
+Growth BeginGrowth(const IncrementalInput& input, const IncrementalOptions& options,
+                   RunContext& context) {
+  const size_t images = input.features.images.size();
+  return {input,
+          options,
+          context,
+          NeighboursOf(input.view_graph),
+          SelectTracks(input.features, input.tracks, kGrowingTracksPerImage),
+          std::vector<bool>(images, true),
+          std::vector<std::string>(images)};
+}
+
 Result<IncrementalResult> BuildModels(const IncrementalInput& input,
                                       const IncrementalOptions& options, RunContext& context) {
   const size_t images = input.features.images.size();
-  Growth growth = {input,
-                   options,
-                   context,
-                   NeighboursOf(input.view_graph),
-                   SelectTracks(input.features, input.tracks, kGrowingTracksPerImage),
-                   std::vector<bool>(images, true),
-                   std::vector<std::string>(images)};
+  Growth growth = BeginGrowth(input, options, context);
   IncrementalResult result;
   std::string lacking;
   while (result.models.size() < options.max_models) {
@@ -428,6 +440,27 @@ Result<IncrementalResult> BuildReconstructions(const IncrementalInput& input,
   const IncrementalInput calibrated = {input.features, start.intrinsics, start.two_views,
                                        input.view_graph, input.tracks};
   return BuildModels(calibrated, options, context);
+}
+
+Result<IncrementalResult> ExtendReconstruction(const IncrementalInput& input,
+                                               const Reconstruction& start,
+                                               const IncrementalOptions& options,
+                                               RunContext& context) {
+  ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  Growth growth = BeginGrowth(input, options, context);
+  ModelBuilder builder(input, options, growth.growing_tracks, context);
+  builder.Adopt(start);
+  builder.TriangulateAll();
+  ROTUNDA_RETURN_IF_ERROR(builder.AdjustGlobally(GrowingAdjustment()));
+  builder.Filter(options.max_reprojection_px, std::numeric_limits<double>::infinity());
+  ROTUNDA_RETURN_IF_ERROR(Complete(builder, growth));
+  IncrementalResult result;
+  result.models.push_back(builder.Take());
+  for (size_t i = 0; i < growth.allowed.size(); ++i) {
+    growth.allowed[i] = !result.models.front().Registered(ImageId(i));
+  }
+  result.unregistered = Unregistered(growth);
+  return result;
 }
 
 }  // namespace rotunda::sfm

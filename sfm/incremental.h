@@ -37,6 +37,9 @@ struct IncrementalOptions {
   size_t local_ba_images = 6;
   size_t min_model_images = 3;  // at least 3: fewer have no similarity fit, hence no covariance
   size_t max_models = 20;
+  /// All tracks are triangulated in the end, but nothing is adjusted any more: poses good enough to
+  /// judge the matches by.
+  bool draft = false;
   Status Validate() const;
 };
 
@@ -62,6 +65,14 @@ struct IncrementalResult {
 /// left over starts a model of its own. kFailed when no pair initialises: the message says what the
 /// best pair lacked.
 Result<IncrementalResult> BuildReconstructions(const IncrementalInput& input,
+                                               const IncrementalOptions& options,
+                                               RunContext& context);
+
+/// One model taken further: its poses (and lenses) are kept as a start, everything is triangulated
+/// from the input's tracks, images that fit are added and all is adjusted to the end. Images that
+/// stay out or are taken out are listed with the reason. kFailed when too few images are left.
+Result<IncrementalResult> ExtendReconstruction(const IncrementalInput& input,
+                                               const Reconstruction& start,
                                                const IncrementalOptions& options,
                                                RunContext& context);
 

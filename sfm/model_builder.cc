@@ -108,6 +108,17 @@ Status ModelBuilder::Initialize(const TwoView& pair, size_t min_points, double m
   return {};
 }
 
+void ModelBuilder::Adopt(const Reconstruction& model) {
+  model_.intrinsics = model.intrinsics;
+  context_.threads.ParallelFor(normalized_.size(),
+                               [&](size_t i) { NormalizeKeypoints(ImageId(i)); });
+  for (size_t i = 0; i < model.cam_from_model.size(); ++i) {
+    if (!model.cam_from_model[i]) continue;
+    AddRegistered(ImageId(i), *model.cam_from_model[i]);
+    if (options_.refine_intrinsics) lens_refined_[model_.intrinsics.lens_of_image[i]] = true;
+  }
+}
+
 bool ModelBuilder::LensIsOpen(ImageId image) const {
   return options_.refine_intrinsics &&
          !lens_refined_[model_.intrinsics.lens_of_image[image.index()]];

@@ -35,6 +35,9 @@ class ModelBuilder {
   /// points, less than half of the pair's tracks, or a median angle below `min_angle_rad`.
   Status Initialize(const TwoView& pair, size_t min_points, double min_angle_rad);
 
+  /// Takes over poses and lenses of a model, but none of its points. The builder must be empty.
+  void Adopt(const Reconstruction& model);
+
   /// Points of the model that have a keypoint in `image`.
   size_t VisiblePoints(ImageId image) const { return visible_[image.index()]; }
   size_t Registered() const { return registered_.size(); }

@@ -1,8 +1,6 @@
 // Our reconstruction beside Debian's colmap on the same pictures with the same intrinsics, in one
 // run: time and peak memory stage by stage, registered images and pose errors, and the ratios.
 
-#include <sqlite3.h>
-
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <filesystem>
@@ -11,11 +9,12 @@
 #include <string>
 #include <vector>
 
-#include "sfm/colmap_io.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/evaluate.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
+#include "tests/bench/bench_process.h"
+#include "tests/bench/colmap_mapper.h"
 #include "tests/support/process.h"
 #include "tests/support/strecha.h"
 
@@ -24,7 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using test::ProcessOutcome;
-using test::RunProcess;
 
 struct Cost {
   double seconds = 0;
@@ -44,27 +42,6 @@ struct Scene {
   fs::path calibration;  // intrinsics for both
   Calibration truth;
 };
-
-[[noreturn]] void Die(const std::string& what) {
-  std::fprintf(stderr, "compare_colmap: %s\n", what.c_str());
-  std::exit(1);
-}
-
-template <typename T>
-T OrDie(Result<T> result) {
-  if (!result.ok()) Die(result.error().ToString());
-  return std::move(result).value();
-}
-
-ProcessOutcome RunOrDie(const std::vector<std::string>& arguments) {
-  std::fprintf(stderr, "running %s %s ...\n", arguments[0].c_str(), arguments[1].c_str());
-  ProcessOutcome outcome = RunProcess(arguments);
-  if (outcome.exit_code != 0) {
-    Die(arguments[0] + " " + arguments[1] + " ended with " + std::to_string(outcome.exit_code) +
-        "\n" + outcome.output + outcome.errors);
-  }
-  return outcome;
-}
 
 void Add(Cost& to, double seconds, double peak_memory_mb) {
   to.seconds += seconds;
@@ -92,64 +69,6 @@ Outcome RunRotunda(const Scene& scene, const fs::path& work) {
   return outcome;
 }
 
-void Execute(sqlite3* database, const std::string& sql) {
-  char* message = nullptr;
-  if (sqlite3_exec(database, sql.c_str(), nullptr, nullptr, &message) != SQLITE_OK) {
-    Die("database: " + std::string(message));
-  }
-}
-
-/// Gives every camera of colmap's database the calibrated intrinsics, marked as known.
-void WriteKnownIntrinsics(const fs::path& file, const FrameSet& set,
-                          const Calibration& calibration) {
-  sqlite3* database = nullptr;
-  if (sqlite3_open(file.c_str(), &database) != SQLITE_OK) Die("cannot open " + file.string());
-  for (const Frame& frame : set.frames) {
-    const CameraIntrinsics& intrinsics = calibration.Find(frame.camera)->intrinsics;
-    const std::string name = fs::path(frame.file).filename().string();
-    sqlite3_stmt* statement = nullptr;
-    sqlite3_prepare_v2(database,
-                       "UPDATE cameras SET model = ?, params = ?, prior_focal_length = 1 WHERE "
-                       "camera_id = (SELECT camera_id FROM images WHERE name = ?)",
-                       -1, &statement, nullptr);
-    sqlite3_bind_int(statement, 1, ColmapModelId(intrinsics.model));
-    sqlite3_bind_blob(statement, 2, intrinsics.params.data(),
-                      static_cast<int>(intrinsics.params.size() * sizeof(double)), SQLITE_STATIC);
-    sqlite3_bind_text(statement, 3, name.c_str(), -1, SQLITE_STATIC);
-    if (sqlite3_step(statement) != SQLITE_DONE || sqlite3_changes(database) != 1) {
-      Die("colmap's database has no camera for " + name);
-    }
-    sqlite3_finalize(statement);
-  }
-  Execute(database, "PRAGMA wal_checkpoint(TRUNCATE)");
-  sqlite3_close(database);
-}
-
-/// The largest of the models that colmap's mapper wrote, as poses.
-PoseSet ReadLargestModel(const fs::path& models, const Scene& scene) {
-  PoseSet best;
-  size_t most = 0;
-  for (const auto& entry : fs::directory_iterator(models)) {
-    const sfm::ColmapModel model = OrDie(sfm::ReadColmapModel(entry.path()));
-    const size_t registered = sfm::RegisteredCount(model.reconstruction);
-    if (registered <= most) continue;
-    most = registered;
-    best.cameras.clear();
-    for (const CalibratedCamera& camera : scene.truth.cameras) {
-      best.cameras.emplace_back().camera = camera.camera;
-    }
-    for (size_t i = 0; i < model.image_names.size(); ++i) {
-      const std::string camera = fs::path(model.image_names[i]).stem().string();
-      for (CameraPose& pose : best.cameras) {
-        if (pose.camera != camera || !model.reconstruction.cam_from_model[i]) continue;
-        pose.registered = true;
-        pose.cam_from_rig = *model.reconstruction.cam_from_model[i];
-      }
-    }
-  }
-  return best;
-}
-
 Outcome RunColmap(const Scene& scene, const fs::path& work) {
   const fs::path database = work / (scene.name + ".db");
   const fs::path models = work / (scene.name + "-colmap");
@@ -166,11 +85,9 @@ Outcome RunColmap(const Scene& scene, const fs::path& work) {
                        OrDie(ReadCalibration(scene.calibration)));
   step("matching", {"colmap", "exhaustive_matcher", "--database_path", database,
                     "--SiftMatching.use_gpu", "0"});
-  step("reconstruction",
-       {"colmap", "mapper", "--database_path", database, "--image_path", scene.pictures,
-        "--output_path", models, "--Mapper.ba_refine_focal_length", "0",
-        "--Mapper.ba_refine_principal_point", "0", "--Mapper.ba_refine_extra_params", "0"});
-  outcome.evaluation = OrDie(EvaluatePoses(ReadLargestModel(models, scene), scene.truth));
+  step("reconstruction", MapperCommand(database, scene.pictures, models));
+  outcome.evaluation =
+      OrDie(EvaluatePoses(ReadMapperModels(models, scene.truth).largest, scene.truth));
   return outcome;
 }
 
@@ -239,9 +156,7 @@ Scene StrechaScene(const std::string& name, const fs::path& shared, const fs::pa
   scene.pictures = scene.frameset;
   scene.truth = test::ReadStrechaTruth(folder);
   scene.calibration = work / (name + ".json");
-  if (const Status status = WriteCalibration(scene.truth, scene.calibration); !status.ok()) {
-    Die(status.error().ToString());
-  }
+  OrDie(WriteCalibration(scene.truth, scene.calibration));
   return scene;
 }
 

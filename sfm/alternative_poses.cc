@@ -1,0 +1,147 @@
+#include "sfm/alternative_poses.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "sfm/absolute_pose.h"
+
+namespace rotunda::sfm {
+namespace {
+
+/// A region speaks against an alternative when it is met at most this often there; of what an image
+/// really sees kMetWhenSeen is met (measured 0.70 to 0.83).
+constexpr double kMissedRate = 0.175;
+constexpr double kMetWhenSeen = 0.7;
+constexpr uint32_t kMinExpected = 6;
+
+/// By image and keypoint: the place of the point it observes, or none.
+class PointOfKeypoint {
+ public:
+  PointOfKeypoint(const Reconstruction& model, const Features& features) {
+    for (const ImageFeatures& image : features.images) {
+      places_.emplace_back(image.keypoints.size(), kNone);
+    }
+    for (size_t p = 0; p < model.points.size(); ++p) {
+      for (const Observation& o : model.points[p].observations) {
+        places_[o.image.index()][o.keypoint.index()] = p;
+      }
+    }
+  }
+  std::optional<size_t> Find(ImageId image, KeypointId keypoint) const {
+    const size_t place = places_[image.index()][keypoint.index()];
+    return place == kNone ? std::nullopt : std::optional<size_t>(place);
+  }
+
+ private:
+  static constexpr size_t kNone = SIZE_MAX;
+  std::vector<std::vector<size_t>> places_;
+};
+
+/// A keypoint and a point of the model that a contradicting match ties it to.
+struct Tie {
+  KeypointId keypoint;
+  size_t point;
+  auto operator<=>(const Tie&) const = default;
+};
+
+std::vector<std::vector<Tie>> ContradictingTies(const Reconstruction& model,
+                                                const Features& features, const TwoViews& two_views,
+                                                const TwoViews& agreeing) {
+  const PointOfKeypoint points(model, features);
+  std::vector<std::vector<Tie>> ties(features.images.size());
+  auto kept = agreeing.pairs.begin();
+  for (const TwoView& view : two_views.pairs) {
+    while (kept != agreeing.pairs.end() && kept->pair < view.pair) ++kept;
+    if (kept != agreeing.pairs.end() && kept->pair == view.pair) continue;
+    if (view.kind == TwoViewKind::kPanoramic) continue;
+    if (!model.Registered(view.pair.first) || !model.Registered(view.pair.second)) continue;
+    for (const Match& match : view.inliers) {
+      const auto of_first = points.Find(view.pair.first, match.first);
+      const auto of_second = points.Find(view.pair.second, match.second);
+      if (of_second) ties[view.pair.first.index()].push_back({match.first, *of_second});
+      if (of_first) ties[view.pair.second.index()].push_back({match.second, *of_first});
+    }
+  }
+  for (std::vector<Tie>& of_image : ties) {
+    std::sort(of_image.begin(), of_image.end());
+    of_image.erase(std::unique(of_image.begin(), of_image.end()), of_image.end());
+  }
+  return ties;
+}
+
+std::optional<AlternativePose> FindPose(const Reconstruction& model, const Features& features,
+                                        ImageId image, const std::vector<Tie>& ties,
+                                        const AlternativeOptions& options, uint64_t seed) {
+  const CameraIntrinsics& lens = model.intrinsics.of(image);
+  AbsolutePoseInput input;
+  input.focal_px = lens.MeanFocal_px();
+  for (const Tie& tie : ties) {
+    const Keypoint& k = features.image(image).keypoints[tie.keypoint.index()];
+    const auto ray = lens.NormalizedFromPixel({k.x_px, k.y_px});
+    if (!ray) continue;
+    input.normalized.push_back(*ray);
+    input.points.push_back(model.points[tie.point].position);
+  }
+  if (input.points.size() < options.min_inliers) return std::nullopt;
+  AbsolutePoseOptions pose_options;
+  pose_options.max_error_px = options.max_error_px;
+  pose_options.seed = DeriveSeed(seed, image.index());
+  const Result<AbsolutePose> pose = EstimateAbsolutePose(input, pose_options);
+  if (!pose.ok() || pose->inliers.size() < options.min_inliers) return std::nullopt;
+  const Eigen::Quaterniond& own = model.cam_from_model[image.index()]->rotation;
+  if (RotationAngle_rad(pose->cam_from_model.rotation, own) < options.min_rotation_rad) {
+    return std::nullopt;
+  }
+  return AlternativePose{image, pose->cam_from_model, pose->inliers.size()};
+}
+
+double EvidenceAgainst(const std::vector<MeetingCount>& regions) {
+  double evidence = 0;
+  for (const MeetingCount& count : regions) {
+    if (count.expected < kMinExpected) continue;
+    const double rate = std::max(0.005, static_cast<double>(count.met) / count.expected);
+    if (rate > kMissedRate) continue;
+    evidence += count.met * std::log(rate / kMetWhenSeen) +
+                (count.expected - count.met) * std::log((1 - rate) / (1 - kMetWhenSeen));
+  }
+  return evidence;
+}
+
+}  // namespace
+
+Alternatives FindAlternatives(const Reconstruction& model, const Features& features,
+                              const TwoViews& two_views, const TwoViews& agreeing,
+                              const CovisibilityOptions& covisibility,
+                              const AlternativeOptions& options, RunContext& context) {
+  const std::vector<std::vector<Tie>> ties =
+      ContradictingTies(model, features, two_views, agreeing);
+  std::vector<std::optional<AlternativePose>> poses(ties.size());
+  context.threads.ParallelFor(ties.size(), [&](size_t i) {
+    if (ties[i].size() < options.min_inliers) return;
+    poses[i] = FindPose(model, features, ImageId(i), ties[i], options, context.seed);
+  });
+  Alternatives alternatives;
+  for (const auto& pose : poses) {
+    if (pose) alternatives.poses.push_back(*pose);
+  }
+  const ViewGraph everything = BuildViewGraph(features, two_views);
+  const CovisibilityCounter counter(model, features, two_views, everything, covisibility);
+  std::vector<std::vector<MeetingCount>> counts(alternatives.poses.size());
+  context.threads.ParallelFor(counts.size(), [&](size_t a) {
+    const AlternativePose& pose = alternatives.poses[a];
+    counts[a] = counter.CountAt(pose.image, pose.cam_from_model);
+  });
+  std::vector<MeetingCount> total;
+  for (const std::vector<MeetingCount>& of_image : counts) {
+    total.resize(of_image.size());
+    for (size_t r = 0; r < total.size(); ++r) {
+      total[r].expected += of_image[r].expected;
+      total[r].met += of_image[r].met;
+    }
+  }
+  alternatives.evidence_against = EvidenceAgainst(total);
+  return alternatives;
+}
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "sfm/core/ids.h"
+#include "sfm/core/rigid3.h"
+#include "sfm/core/run_context.h"
+#include "sfm/covisibility.h"
+#include "sfm/features.h"
+#include "sfm/reconstruction.h"
+#include "sfm/two_view.h"
+#include "sfm/view_graph.h"
+
+namespace rotunda::sfm {
+
+/// Where the matches that contradict a model would put an image.
+struct AlternativePose {
+  ImageId image;
+  Rigid3 cam_from_model;
+  size_t inliers = 0;
+};
+
+struct Alternatives {
+  std::vector<AlternativePose> poses;  // sorted by image
+  /// Log-likelihood (natural) by which what the images should meet there, and do not, speaks
+  /// against the alternatives, all together: look-alike structure is one decision, not many.
+  double evidence_against = 0;
+};
+
+struct AlternativeOptions {
+  size_t min_inliers = 30;
+  double min_rotation_rad = RadFromDeg(10.0);  // off the model's own pose
+  double max_error_px = 12.0;
+};
+
+/// The poses that verified matches between images of the model support although the model's own
+/// poses contradict them (P3P on the points those matches lead to), and what speaks against them.
+/// Empty: nothing looks alike. Many with no evidence against: the model may be folded, or the one
+/// that is right, and nothing tells. `agreeing`: the pairs that the model was made of.
+Alternatives FindAlternatives(const Reconstruction& model, const Features& features,
+                              const TwoViews& two_views, const TwoViews& agreeing,
+                              const CovisibilityOptions& covisibility,
+                              const AlternativeOptions& options, RunContext& context);
+
+}  // namespace rotunda::sfm

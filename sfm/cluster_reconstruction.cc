@@ -1,0 +1,171 @@
+#include "sfm/cluster_reconstruction.h"
+
+#include <algorithm>
+#include <atomic>
+#include <iterator>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "sfm/tracks.h"
+#include "sfm/view_graph.h"
+
+namespace rotunda::sfm {
+namespace {
+
+constexpr char kStage[] = "cluster reconstruction";
+
+size_t CommonImages(const ImageCluster& a, const ImageCluster& b) {
+  std::vector<ImageId> common;
+  std::set_intersection(a.images.begin(), a.images.end(), b.images.begin(), b.images.end(),
+                        std::back_inserter(common));
+  return common.size();
+}
+
+template <typename T>
+std::vector<T> Union(const std::vector<T>& a, const std::vector<T>& b) {
+  std::vector<T> both;
+  std::set_union(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
+  return both;
+}
+
+void SortBySize(std::vector<ImageCluster>& clusters) {
+  std::sort(clusters.begin(), clusters.end(), [](const ImageCluster& a, const ImageCluster& b) {
+    if (a.images.size() != b.images.size()) return a.images.size() > b.images.size();
+    return a.parts.front() < b.parts.front();
+  });
+}
+
+/// Takes up the clusters behind `place` that share enough with it until none is left.
+void Absorb(std::vector<ImageCluster>& clusters, size_t place, size_t max_common_images) {
+  for (size_t other = place + 1; other < clusters.size();) {
+    ImageCluster& cluster = clusters[place];
+    if (CommonImages(cluster, clusters[other]) <= max_common_images) {
+      ++other;
+      continue;
+    }
+    cluster.images = Union(cluster.images, clusters[other].images);
+    cluster.parts = Union(cluster.parts, clusters[other].parts);
+    clusters.erase(clusters.begin() + static_cast<std::ptrdiff_t>(other));
+    other = place + 1;
+  }
+}
+
+Result<IncrementalResult> Reconstruct(const IncrementalInput& input, const TwoViews& two_views,
+                                      const IncrementalOptions& options, RunContext& context) {
+  const ViewGraph graph = BuildViewGraph(input.features, two_views);
+  const Tracks tracks = BuildTracks(input.features, two_views, graph);
+  return BuildReconstructions({input.features, input.intrinsics, two_views, graph, tracks}, options,
+                              context);
+}
+
+/// One result a cluster; nullopt: cancelled before it began.
+using ClusterResults = std::vector<std::optional<Result<IncrementalResult>>>;
+
+/// Images in no model: what the largest cluster they are in says of them.
+std::vector<UnregisteredImage> LeftOut(size_t images, const ClusterReconstructions& result,
+                                       const ClusterResults& reconstructed) {
+  std::vector<std::string> reasons(images, "is related to no part of the scene");
+  for (size_t c = result.clusters.size(); c-- > 0;) {
+    std::map<ImageId, std::string> said;
+    if (*reconstructed[c]) {
+      for (const UnregisteredImage& u : (*reconstructed[c])->unregistered) said[u.image] = u.reason;
+    }
+    for (const ImageId image : result.clusters[c].images) {
+      const auto own = said.find(image);
+      reasons[image.index()] = own != said.end() ? own->second : result.failures[c];
+    }
+  }
+  std::vector<UnregisteredImage> left_out;
+  for (size_t i = 0; i < images; ++i) {
+    const bool placed =
+        std::any_of(result.models.begin(), result.models.end(),
+                    [&](const Reconstruction& model) { return model.Registered(ImageId(i)); });
+    if (!placed) left_out.push_back({ImageId(i), reasons[i]});
+  }
+  return left_out;
+}
+
+}  // namespace
+
+Status ClusterOptions::Validate() const {
+  if (min_pair_matches >= 1) return {};
+  return Error{ErrorCode::kInvalidArgument, "0 found, expected >= 1", "min_pair_matches"};
+}
+
+std::vector<ImageCluster> BuildClusters(const Correction& correction,
+                                        const ClusterOptions& options) {
+  std::vector<ImageCluster> clusters;
+  for (uint32_t part = 0; part < correction.parts.size(); ++part) {
+    if (correction.parts[part].images.empty()) continue;
+    clusters.push_back({{part}, correction.parts[part].images});
+  }
+  SortBySize(clusters);
+  for (size_t place = 0; place < clusters.size(); ++place) {
+    Absorb(clusters, place, options.max_common_images);
+  }
+  SortBySize(clusters);
+  return clusters;
+}
+
+TwoViews MatchesWithinParts(const IncrementalInput& input, const Correction& correction,
+                            const std::vector<ImageId>& images, const ClusterOptions& options) {
+  std::vector<bool> inside(input.features.images.size(), false);
+  for (const ImageId image : images) inside[image.index()] = true;
+  const auto part_of = [&](ImageId image, KeypointId keypoint) {
+    return correction.part_of_keypoint[image.index()][keypoint.index()];
+  };
+  TwoViews result;
+  for (const ViewGraphEdge& edge : input.view_graph.edges) {
+    const auto [first, second] = edge.pair;
+    if (!inside[first.index()] || !inside[second.index()]) continue;
+    TwoView view = input.two_views.pairs[edge.two_view];
+    std::erase_if(view.inliers, [&](const Match& match) {
+      const auto part = part_of(first, match.first);
+      return !part || part != part_of(second, match.second);
+    });
+    if (view.inliers.size() >= options.min_pair_matches) result.pairs.push_back(std::move(view));
+  }
+  return result;
+}
+
+Result<ClusterReconstructions> BuildClusterReconstructions(const IncrementalInput& input,
+                                                           const Correction& correction,
+                                                           const ClusterOptions& options,
+                                                           const IncrementalOptions& incremental,
+                                                           RunContext& context) {
+  ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  ROTUNDA_RETURN_IF_ERROR(incremental.Validate());
+  ClusterReconstructions result;
+  result.clusters = BuildClusters(correction, options);
+  const size_t count = result.clusters.size();
+  ClusterResults reconstructed(count);
+  std::atomic<size_t> done = 0;
+  const auto reconstruct = [&](size_t c) {
+    RunContext own{context.threads, context.stop, nullptr, DeriveSeed(context.seed, c)};
+    const TwoViews matches =
+        MatchesWithinParts(input, correction, result.clusters[c].images, options);
+    reconstructed[c] = Reconstruct(input, matches, incremental, own);
+    context.Report(kStage, ++done, count);
+  };
+  // Work inside a body of ParallelFor is serial, so that a single cluster is better off outside.
+  if (count == 1) {
+    reconstruct(0);
+  } else {
+    context.threads.ParallelFor(count, reconstruct, context.stop);
+  }
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
+  for (size_t c = 0; c < count; ++c) {
+    Result<IncrementalResult>& own = *reconstructed[c];
+    result.failures.push_back(own ? "" : own.error().message);
+    if (!own) continue;
+    for (Reconstruction& model : own->models) {
+      result.models.push_back(std::move(model));
+      result.cluster_of_model.push_back(c);
+    }
+  }
+  result.left_out = LeftOut(input.features.images.size(), result, reconstructed);
+  return result;
+}
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "sfm/core/ids.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+#include "sfm/correction.h"
+#include "sfm/incremental.h"
+#include "sfm/reconstruction.h"
+#include "sfm/two_view.h"
+
+namespace rotunda::sfm {
+
+struct ClusterOptions {
+  size_t max_common_images = 20;  // clusters that share more are merged
+  size_t min_pair_matches = 15;   // a pair that has fewer within single parts is left out
+  Status Validate() const;
+};
+
+/// Images that are reconstructed together.
+struct ImageCluster {
+  std::vector<uint32_t> parts;  // of Correction::parts whose images it holds, sorted
+  std::vector<ImageId> images;  // sorted
+};
+
+/// The images of every part, merged as image sets where they overlap; most images first, ties by
+/// first part. Parts without images are left out.
+std::vector<ImageCluster> BuildClusters(const Correction& correction,
+                                        const ClusterOptions& options);
+
+/// The pairs of `input.view_graph` with both images in `images`, each with the matches whose ends
+/// lie in the same part.
+TwoViews MatchesWithinParts(const IncrementalInput& input, const Correction& correction,
+                            const std::vector<ImageId>& images, const ClusterOptions& options);
+
+struct ClusterReconstructions {
+  std::vector<ImageCluster> clusters;
+  std::vector<Reconstruction> models;       // by cluster, then most images first
+  std::vector<size_t> cluster_of_model;     // parallel to models
+  std::vector<std::string> failures;        // by cluster: why it gave no model; empty when it did
+  std::vector<UnregisteredImage> left_out;  // in no model, with the reason; by image
+};
+
+/// TC-SfM III-C, end: every cluster by incremental structure from motion on tracks of its own that
+/// never join two parts. Unlike the models of one BuildReconstructions, models of different
+/// clusters may have images in common. A cluster that gives no model is not an error.
+/// Clusters run side by side.
+Result<ClusterReconstructions> BuildClusterReconstructions(const IncrementalInput& input,
+                                                           const Correction& correction,
+                                                           const ClusterOptions& options,
+                                                           const IncrementalOptions& incremental,
+                                                           RunContext& context);
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,255 @@
+#include "sfm/tc_sfm.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "sfm/agreeing_matches.h"
+#include "sfm/alternative_poses.h"
+#include "sfm/tracks.h"
+#include "sfm/unfolding.h"
+
+namespace rotunda::sfm {
+namespace {
+
+constexpr char kStage[] = "disambiguation";
+
+/// What is known of the edges while drafts come and go.
+struct State {
+  const TcSfmInput& input;
+  const TcSfmOptions& options;
+  RunContext& context;
+  std::vector<bool> refuted;  // parallel to the edges: by the groups of a draft
+  TcSfmResult result;
+};
+
+ViewGraph NotRefuted(const State& state) {
+  ViewGraph graph{state.input.view_graph.images, {}};
+  for (size_t e = 0; e < state.refuted.size(); ++e) {
+    if (!state.refuted[e]) graph.edges.push_back(state.input.view_graph.edges[e]);
+  }
+  return graph;
+}
+
+/// The edges a draft is built on.
+Result<ViewGraph> EdgesForDraft(State& state) {
+  const ViewGraph left = NotRefuted(state);
+  if (!state.options.consistent_view_graph) return left;
+  ROTUNDA_ASSIGN_OR_RETURN(
+      const ConsistentViewGraph consistent,
+      BuildConsistentViewGraph(left, state.input.two_views, state.options.consistency));
+  state.result.margin = consistent.margin;
+  return EdgesThatAgree(left, consistent, EdgeVerdict::kWeak);
+}
+
+/// Group of every image over all models of a draft: no two models share a group.
+struct DraftGroups {
+  std::vector<int> model_of_image;  // kNoGroup: in none
+  std::vector<int> group_of_image;
+  double gain = 0;
+};
+
+Result<DraftGroups> GroupsOfDraft(State& state, const std::vector<Reconstruction>& models,
+                                  const TwoViews& two_views, const ViewGraph& graph) {
+  const size_t images = state.input.features.images.size();
+  DraftGroups groups{std::vector<int>(images, kNoGroup), std::vector<int>(images, kNoGroup), 0};
+  for (size_t m = 0; m < models.size(); ++m) {
+    const CovisibilityCounter counter(models[m], state.input.features, two_views, graph,
+                                      state.options.covisibility);
+    const Covisibility covisibility = counter.CountAll(state.context);
+    if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
+    const LookAlikeGroups found = FindLookAlikeGroups(covisibility, graph);
+    const bool split = found.gain >= state.options.min_gain;
+    for (size_t i = 0; i < images; ++i) {
+      if (!models[m].Registered(ImageId(i))) continue;
+      groups.model_of_image[i] = static_cast<int>(m);
+      groups.group_of_image[i] = split ? found.of_image[i] : 0;
+      if (split)
+        state.result.certainty[i] = std::min(state.result.certainty[i], found.certainty[i]);
+    }
+    if (split) groups.gain = std::max(groups.gain, found.gain);
+  }
+  return groups;
+}
+
+bool HasPair(const TwoViews& two_views, const ImagePair& pair) {
+  const auto found =
+      std::lower_bound(two_views.pairs.begin(), two_views.pairs.end(), pair,
+                       [](const TwoView& a, const ImagePair& b) { return a.pair < b; });
+  return found != two_views.pairs.end() && found->pair == pair;
+}
+
+/// Two images of one model: an edge whose matches agree with the model's poses is refuted across
+/// groups (it joins what looks alike), one whose matches do not is refuted within a group.
+void Refute(State& state, const std::vector<Reconstruction>& models, const DraftGroups& groups) {
+  const std::vector<ViewGraphEdge>& edges = state.input.view_graph.edges;
+  for (size_t m = 0; m < models.size(); ++m) {
+    const TwoViews agreeing =
+        AgreeingMatches(models[m], state.input.features, state.input.two_views, {});
+    for (size_t e = 0; e < edges.size(); ++e) {
+      const size_t i = edges[e].pair.first.index(), j = edges[e].pair.second.index();
+      if (groups.model_of_image[i] != static_cast<int>(m)) continue;
+      if (groups.model_of_image[j] != static_cast<int>(m)) continue;
+      const bool together = groups.group_of_image[i] == groups.group_of_image[j];
+      if (HasPair(agreeing, edges[e].pair) != together) state.refuted[e] = true;
+    }
+  }
+}
+
+struct Draft {
+  std::vector<Reconstruction> models;
+  ViewGraph graph;
+};
+
+/// Drafts until one is not folded, or as often as the options allow.
+Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
+  IncrementalOptions options = incremental;
+  options.draft = true;
+  for (int round = 0;; ++round) {
+    Draft draft;
+    ROTUNDA_ASSIGN_OR_RETURN(draft.graph, EdgesForDraft(state));
+    const Tracks tracks = BuildTracks(state.input.features, state.input.two_views, draft.graph);
+    const IncrementalInput input = {state.input.features, state.input.intrinsics,
+                                    state.input.two_views, draft.graph, tracks};
+    ROTUNDA_ASSIGN_OR_RETURN(IncrementalResult built,
+                             BuildReconstructions(input, options, state.context));
+    draft.models = std::move(built.models);
+    if (!state.options.unfolding || round >= state.options.max_unfoldings) return draft;
+    state.context.Report(kStage, 0, 1);
+    ROTUNDA_ASSIGN_OR_RETURN(
+        const DraftGroups groups,
+        GroupsOfDraft(state, draft.models, state.input.two_views, draft.graph));
+    if (groups.gain == 0) return draft;
+    ++state.result.unfoldings;
+    state.result.gain = std::min(state.result.gain, groups.gain);
+    Refute(state, draft.models, groups);
+  }
+}
+
+/// What is left when drafts could not be joined to the first.
+void NoteRefusals(const MergeResult& merged, TcSfmResult& result) {
+  for (const MergeAttempt& refusal : merged.refusals) {
+    result.notes.push_back("two pieces of the reconstruction were not joined: " + refusal.refusal);
+  }
+}
+
+/// One model out of the drafts, if they can be joined; the others stay behind it.
+Status Join(State& state, Draft& draft) {
+  if (draft.models.size() < 2) return {};
+  state.context.Report("merging", 0, 1);
+  const MergeInput input = {state.input.features, state.input.two_views, draft.graph};
+  ROTUNDA_ASSIGN_OR_RETURN(MergeResult merged, MergeModels(input, std::move(draft.models),
+                                                           state.options.merging, state.context));
+  NoteRefusals(merged, state.result);
+  draft.models = std::move(merged.models);
+  return {};
+}
+
+/// Matches of the pairs with an image outside the model that nothing speaks against: by them the
+/// image may still be placed.
+void AddOpenPairs(const State& state, const Reconstruction& model, const ViewGraph& graph,
+                  TwoViews& two_views) {
+  for (const ViewGraphEdge& edge : graph.edges) {
+    if (model.Registered(edge.pair.first) && model.Registered(edge.pair.second)) continue;
+    two_views.pairs.push_back(state.input.two_views.pairs[edge.two_view]);
+  }
+  std::sort(two_views.pairs.begin(), two_views.pairs.end(),
+            [](const TwoView& a, const TwoView& b) { return a.pair < b.pair; });
+}
+
+/// Brings back every match that agrees with the first model, places what is left over and adjusts
+/// everything.
+Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
+  TcSfmResult& result = state.result;
+  const Reconstruction& start = draft.models.front();
+  result.two_views = AgreeingMatches(start, state.input.features, state.input.two_views, {});
+  AddOpenPairs(state, start, draft.graph, result.two_views);
+  result.view_graph = BuildViewGraph(state.input.features, result.two_views);
+  const Tracks tracks = BuildTracks(state.input.features, result.two_views, result.view_graph);
+  const IncrementalInput input = {state.input.features, start.intrinsics, result.two_views,
+                                  result.view_graph, tracks};
+  ROTUNDA_ASSIGN_OR_RETURN(result.models,
+                           ExtendReconstruction(input, start, options, state.context));
+  for (size_t m = 1; m < draft.models.size(); ++m) {
+    result.models.models.push_back(std::move(draft.models[m]));
+  }
+  return {};
+}
+
+/// The test of the drafts on the finished model.
+Status Check(State& state) {
+  TcSfmResult& result = state.result;
+  const std::vector<Reconstruction> last = {result.models.models.front()};
+  std::vector<double> certainty = result.certainty;
+  ROTUNDA_ASSIGN_OR_RETURN(const DraftGroups groups,
+                           GroupsOfDraft(state, last, result.two_views, result.view_graph));
+  result.certainty = std::move(certainty);
+  result.remaining_gain = groups.gain;
+  const Alternatives alternatives =
+      FindAlternatives(last.front(), state.input.features, state.input.two_views, result.two_views,
+                       state.options.covisibility, {}, state.context);
+  result.alternatives = alternatives.poses.size();
+  result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
+                                               : alternatives.evidence_against;
+  result.verdict = groups.gain > 0                                ? Verdict::kFolded
+                   : result.evidence < state.options.min_evidence ? Verdict::kUnsure
+                                                                  : Verdict::kSure;
+  return {};
+}
+
+std::vector<EdgeVerdict> VerdictsOf(const TcSfmInput& input, const TcSfmResult& result) {
+  std::vector<EdgeVerdict> verdicts;
+  for (const ViewGraphEdge& edge : input.view_graph.edges) {
+    verdicts.push_back(HasPair(result.two_views, edge.pair) ? EdgeVerdict::kSure
+                                                            : EdgeVerdict::kRejected);
+  }
+  return verdicts;
+}
+
+}  // namespace
+
+const char* VerdictName(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kSure:
+      return "sure";
+    case Verdict::kUnsure:
+      return "unsure";
+    case Verdict::kFolded:
+      return "folded";
+  }
+  return "";
+}
+
+Status TcSfmOptions::Validate() const {
+  ROTUNDA_RETURN_IF_ERROR(consistency.Validate());
+  ROTUNDA_RETURN_IF_ERROR(covisibility.Validate());
+  ROTUNDA_RETURN_IF_ERROR(merging.Validate());
+  if (max_unfoldings < 0) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(max_unfoldings) + " is out of range, expected >= 0",
+                 "max_unfoldings"};
+  }
+  if (!(min_gain > 0)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(min_gain) + " is out of range, expected > 0", "min_gain"};
+  }
+  return {};
+}
+
+Result<TcSfmResult> RunTcSfm(const TcSfmInput& input, const TcSfmOptions& options,
+                             const IncrementalOptions& incremental, RunContext& context) {
+  ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  const double infinite = std::numeric_limits<double>::infinity();
+  State state = {
+      input, options, context, std::vector<bool>(input.view_graph.edges.size(), false), {}};
+  state.result.gain = infinite;
+  state.result.certainty.assign(input.features.images.size(), infinite);
+  ROTUNDA_ASSIGN_OR_RETURN(Draft draft, BuildDraft(state, incremental));
+  ROTUNDA_RETURN_IF_ERROR(Join(state, draft));
+  ROTUNDA_RETURN_IF_ERROR(Complete(state, draft, incremental));
+  ROTUNDA_RETURN_IF_ERROR(Check(state));
+  state.result.verdicts = VerdictsOf(input, state.result);
+  return std::move(state.result);
+}
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "sfm/consistent_view_graph.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+#include "sfm/covisibility.h"
+#include "sfm/features.h"
+#include "sfm/incremental.h"
+#include "sfm/intrinsics.h"
+#include "sfm/model_merging.h"
+#include "sfm/reconstruction.h"
+#include "sfm/two_view.h"
+#include "sfm/view_graph.h"
+
+namespace rotunda::sfm {
+
+/// What look-alike structure is told apart by; each can be left out to see what it is worth.
+struct TcSfmOptions {
+  bool consistent_view_graph = true;  // edges that contradict the rotations of the others go first
+  bool unfolding = true;              // groups of images that do not meet what they should
+  ConsistencyOptions consistency;
+  CovisibilityOptions covisibility;
+  MergeOptions merging;
+  int max_unfoldings = 3;
+  /// Log-likelihood that a split into groups must gain; by chance it stays below a few units.
+  double min_gain = 20.0;
+  /// Log-likelihood against everything that looks alike, below which the verdict is "unsure".
+  double min_evidence = 50.0;
+  Status Validate() const;
+};
+
+struct TcSfmInput {
+  const Features& features;
+  const Intrinsics& intrinsics;
+  const TwoViews& two_views;
+  const ViewGraph& view_graph;
+};
+
+enum class Verdict {
+  kSure,    // nothing contradicts the poses, and what looks alike was told apart by evidence
+  kUnsure,  // look-alike structure that the evidence does not suffice to tell apart
+  kFolded,  // the poses lay different things over each other
+};
+const char* VerdictName(Verdict verdict);  // "sure", "unsure", "folded"
+
+struct TcSfmResult {
+  IncrementalResult models;  // most images first
+  /// What the last model was made of: matches that agree with its poses, and their edges.
+  TwoViews two_views;
+  ViewGraph view_graph;
+  std::vector<EdgeVerdict> verdicts;  // parallel to the edges of TcSfmInput::view_graph
+  Verdict verdict = Verdict::kUnsure;
+  double margin = 0;          // ConsistentViewGraph::margin of the edges that were left in the end
+  size_t alternatives = 0;    // images that contradicting matches would put elsewhere
+  double evidence = 0;        // Alternatives::evidence_against; infinite without alternatives
+  int unfoldings = 0;         // how often a draft was found to be folded
+  double gain = 0;            // by which the drafts were found to be folded, least of them
+  double remaining_gain = 0;  // of the result: near 0 when it is not folded
+  std::vector<double> certainty;  // by ImageId: of its group, where a draft was folded
+  std::vector<std::string> notes;
+};
+
+/// TC-SfM for captures in which front and back look the same (Wang et al.): consistent view graph,
+/// draft, test of the draft by what its images fail to meet, and the drafts again without the edges
+/// that the test refutes; then merging, everything that agrees with the poses brought back, and the
+/// last adjustment.
+Result<TcSfmResult> RunTcSfm(const TcSfmInput& input, const TcSfmOptions& options,
+                             const IncrementalOptions& incremental, RunContext& context);
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace rotunda::bench {
+
+/// How a capture differs from the one it is made from.
+enum class Change {
+  kNone,
+  kThinnedToHalf,     // a random half of the keypoints of every picture
+  kThinnedToQuarter,  // likewise
+  kMissing,           // 5 % of the cameras took no picture
+  kMoved,             // one camera stands 20 mm beside its place in the calibration
+  kSwapped,           // two cameras have each other's place in the calibration
+};
+
+struct Capture {
+  std::string name;
+  std::vector<std::string> simulate;  // options of `rotunda simulate`; empty: not simulated
+  std::string made_from;              // name of the capture that `change` is applied to, if any
+  Change change = Change::kNone;
+  std::filesystem::path photographs;  // folder of pictures without truth, if not simulated
+  bool with_colmap = false;           // colmap's mapper is run on it, too
+  std::string unavailable;            // why it cannot be had; empty: it can
+};
+
+/// Size of the simulated captures.
+struct CaptureSize {
+  int cameras = 90;
+  double scale = 0.5;  // of 1200x1600 pixels
+};
+
+/// Bodies x garments x seeds; garments whose front and back look alike are most of it.
+std::vector<Capture> MeanCaptures(const CaptureSize& size);
+/// Four of them with pictures of the rig's full size.
+std::vector<Capture> FullSizeCaptures(const CaptureSize& size);
+/// Captures of the mean set with something wrong.
+std::vector<Capture> StressCaptures(const CaptureSize& size);
+/// The captures of the mean set on which every part of the method is tried alone.
+std::vector<Capture> AblationCaptures(const CaptureSize& size);
+/// Real photographs of things that look alike.
+std::vector<Capture> PhotographCaptures();
+
+/// Where what belongs to a capture stands in the work folder.
+struct CaptureFiles {
+  std::filesystem::path frameset;
+  std::filesystem::path stages;
+  std::filesystem::path truth;     // there only for simulated captures
+  std::filesystem::path expected;  // what a changed capture's result should name
+};
+CaptureFiles FilesOf(const Capture& capture, const std::filesystem::path& work);
+
+/// Makes what is missing of a capture and of what it is made from. The error of a program that
+/// failed ends this one.
+void PrepareCapture(const Capture& capture, const std::filesystem::path& work);
+
+/// The call of `rotunda reconstruct` that takes from the capture's stages what stands there already
+/// and writes the rest.
+std::vector<std::string> ReconstructCommand(const CaptureFiles& files,
+                                            const std::vector<std::string>& options,
+                                            const std::filesystem::path& out);
+
+/// Makes features, matches and two-view geometries if they are not there yet.
+void PrepareStages(const Capture& capture, const std::filesystem::path& work);
+
+}  // namespace rotunda::bench

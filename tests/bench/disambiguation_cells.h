@@ -1,0 +1,23 @@
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "tests/bench/disambiguation_methods.h"
+
+namespace rotunda::bench {
+
+/// What is kept of a cell: capture, method, "seconds" after matching, "stages", "models",
+/// "registered", "of", "evaluation" (as `rotunda evaluate --json`, where there is truth), what
+/// poses.json says of itself, and which cameras it names beside those it should; or "error", and
+/// whether it was "refused" as impossible, which is a result.
+using CellRecord = nlohmann::ordered_json;
+
+/// The record that an earlier run wrote; nullopt when there is none.
+std::optional<CellRecord> ReadCell(const Cell& cell, const std::filesystem::path& work);
+
+/// Makes what is missing of the capture, runs the method on it and writes the record.
+CellRecord RunCell(const Cell& cell, const std::filesystem::path& work);
+
+}  // namespace rotunda::bench
