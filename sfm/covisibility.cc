@@ -126,6 +126,7 @@ Viewpoint MakeViewpoint(const Reconstruction& model, const ImageFeatures& pictur
                         const Rigid3& cam_from_model, const CovisibilityOptions& options) {
   Viewpoint view = {image, cam_from_model, cam_from_model.OriginInSource(),
                     DepthMap(picture, options.obstacle_cell_share)};
+  if (!options.obstacles) return view;
   for (const Point3& point : model.points) {
     if (point.observations.size() < kMinObservers) continue;
     const Eigen::Vector3d x = cam_from_model * point.position;

@@ -45,6 +45,7 @@ struct CovisibilityOptions {
   double enclosure = 1.15;
   /// Of the larger side: points that project nearer to the border may be out of the picture.
   double border_share = 0.02;
+  bool obstacles = true;  // points may hide others
   /// A point is hidden when another, nearer by this share of the depth, projects within about one
   /// cell (a share of the larger side) of it.
   double obstacle_cell_share = 0.02;

@@ -9,6 +9,7 @@
 #include "sfm/covariance.h"
 #include "sfm/intrinsics.h"
 #include "sfm/pairs.h"
+#include "sfm/pose_description.h"
 #include "sfm/report.h"
 #include "sfm/rig_alignment.h"
 #include "sfm/stage_io.h"
@@ -26,7 +27,7 @@ struct FrontEnd {
   Intrinsics intrinsics;
   TwoViews two_views;
   ViewGraph view_graph;
-  Tracks tracks;
+  Tracks tracks;  // only of the plain method: tc-sfm judges the pairs first
 };
 
 /// One run of the pipeline: knows which products are read and which are written.
@@ -158,94 +159,21 @@ Result<FrontEnd> RunFrontEnd(const Run& run) {
   }
   ROTUNDA_ASSIGN_OR_RETURN(front.two_views, MakeTwoViews(run, front, matches));
   front.view_graph = BuildViewGraph(front.features, front.two_views);
-  ROTUNDA_ASSIGN_OR_RETURN(front.tracks, MakeTracks(run, front));
+  if (run.options.method == Method::kPlain) {
+    ROTUNDA_ASSIGN_OR_RETURN(front.tracks, MakeTracks(run, front));
+  }
   return front;
 }
 
 std::map<std::string, std::string> DescribeOptions(const Run& run, bool refine_intrinsics) {
-  return {{"pairs", run.options.database                              ? "database"
-                    : run.options.pairs == PairSelection::kExhaustive ? "exhaustive"
-                                                                      : "neighbours"},
-          {"intrinsics", refine_intrinsics ? "refined" : "fixed"},
-          {"max_keypoints", std::to_string(run.options.features.max_keypoints)},
-          {"seed", std::to_string(run.context.seed)}};
-}
-
-/// Poses and summary of the largest model; what is measured against the calibration comes later.
-PoseSet DescribePoses(const Run& run, const IncrementalResult& models,
-                      const Reconstruction& reconstruction, const Features& features) {
-  PoseSet poses;
-  poses.frameset = run.set.id;
-  poses.method = "plain";
-  const ReprojectionSummary residuals = SummarizeReprojection(reconstruction, features);
-  poses.summary.of = run.set.frames.size();
-  poses.summary.registered = RegisteredCount(reconstruction);
-  poses.summary.rms_px = residuals.rms_px;
-  poses.summary.mean_reprojection_px = residuals.mean_over_points_px;
-  poses.summary.points = reconstruction.points.size();
-  poses.summary.models = models.models.size();
-  for (size_t i = 0; i < run.set.frames.size(); ++i) {
-    CameraPose& pose = poses.cameras.emplace_back();
-    pose.camera = run.set.frames[i].camera;
-    pose.observations = residuals.images[i].observations;
-    pose.rms_px = residuals.images[i].rms_px;
-    pose.registered = reconstruction.Registered(ImageId(i));
-    if (pose.registered || reconstruction.intrinsics.known) {
-      pose.intrinsics = reconstruction.intrinsics.of(ImageId(i));
-    }
-    if (pose.registered) {
-      pose.cam_from_rig = *reconstruction.cam_from_model[i];
-    } else {
-      pose.reason =
-          "is in another piece of the reconstruction, which could not be joined to this one";
-    }
-  }
-  for (const UnregisteredImage& image : models.unregistered) {
-    poses.cameras[image.image.index()].reason = image.reason;
-  }
-  return poses;
-}
-
-/// Only for calibrated lenses: a principal point that is merely taken to be in the middle puts
-/// errors into the poses that the covariance does not see.
-void AddSigmas(const PoseCovariances& covariances, const Intrinsics& intrinsics, PoseSet& poses) {
-  for (size_t i = 0; i < poses.cameras.size(); ++i) {
-    if (!covariances.images[i]) continue;
-    poses.cameras[i].sigma = SigmaOf(*covariances.images[i]);
-    poses.cameras[i].sigma->focal_px = covariances.focal_sigma_px[intrinsics.lens_of_image[i]];
-  }
-}
-
-/// "front" within 45 degrees of azimuth 0 of the rig frame, and so on counter-clockwise.
-std::string SideOf(const Rigid3& cam_from_rig) {
-  const Eigen::Vector3d center_m = cam_from_rig.OriginInSource();
-  const double azimuth_deg = DegFromRad(std::atan2(center_m.y(), center_m.x()));
-  if (std::abs(azimuth_deg) <= 45) return "front";
-  if (std::abs(azimuth_deg) >= 135) return "back";
-  return azimuth_deg > 0 ? "left" : "right";
-}
-
-void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& calibration,
-                           PoseSet& poses) {
-  poses.metric = true;
-  poses.aligned_to = calibration.id;
-  poses.summary.folded = false;
-  double rotation_sum_deg = 0, position_sum_mm = 0;
-  size_t compared = 0;
-  for (size_t i = 0; i < poses.cameras.size(); ++i) {
-    CameraPose& pose = poses.cameras[i];
-    if (!pose.registered) continue;
-    pose.side = SideOf(pose.cam_from_rig);
-    pose.vs_calibration = alignment.vs_calibration[i];
-    if (!pose.vs_calibration) continue;
-    if (pose.vs_calibration->rotation_deg > kFoldedRotation_deg) poses.summary.folded = true;
-    rotation_sum_deg += pose.vs_calibration->rotation_deg;
-    position_sum_mm += pose.vs_calibration->position_mm;
-    ++compared;
-  }
-  if (compared == 0) return;
-  poses.summary.mean_rotation_deg = rotation_sum_deg / static_cast<double>(compared);
-  poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);
+  std::map<std::string, std::string> described = {
+      {"pairs", run.options.database                              ? "database"
+                : run.options.pairs == PairSelection::kExhaustive ? "exhaustive"
+                                                                  : "neighbours"},
+      {"intrinsics", refine_intrinsics ? "refined" : "fixed"},
+      {"max_keypoints", std::to_string(run.options.features.max_keypoints)},
+      {"seed", std::to_string(run.context.seed)}};
+  return described;
 }
 
 /// What the poses are known by, besides themselves; what fails leaves a note, not a lost result.
@@ -282,10 +210,51 @@ Reference MeasureReference(const Run& run, const Reconstruction& model, const Fe
   return reference;
 }
 
-PipelineResult Finish(const Run& run, FrontEnd front, IncrementalResult models,
+/// The models of either method; `tc_sfm` only of that.
+struct Built {
+  IncrementalResult models;
+  std::optional<TcSfmResult> tc_sfm;
+  std::optional<Segments> segments;
+};
+
+/// Labels: communities of the tracks that the poses confirmed, and which of them look alike.
+Result<Segments> LabelSegments(const Run& run, const FrontEnd& front, const TcSfmResult& result) {
+  run.context.Report("communities", 0, 1);
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<Superpixels> superpixels,
+                           BuildSuperpixels(run.set, run.options.superpixels, run.context));
+  const Tracks tracks = BuildTracks(front.features, result.two_views, result.view_graph);
+  const TrackGraph graph =
+      BuildTrackGraph(front.features, tracks, superpixels, run.options.track_graph);
+  ROTUNDA_ASSIGN_OR_RETURN(const Communities communities,
+                           BuildCommunities(graph.graph, run.options.communities));
+  ConsistentViewGraph consistent;
+  consistent.verdicts = result.verdicts;
+  return BuildSegments({front.features, front.two_views, front.view_graph, consistent, tracks,
+                        superpixels, graph, communities},
+                       run.options.segments);
+}
+
+Result<Built> BuildModels(const Run& run, const FrontEnd& front,
+                          const IncrementalOptions& incremental) {
+  Built built;
+  if (run.options.method == Method::kPlain) {
+    const IncrementalInput input{front.features, front.intrinsics, front.two_views,
+                                 front.view_graph, front.tracks};
+    ROTUNDA_ASSIGN_OR_RETURN(built.models, BuildReconstructions(input, incremental, run.context));
+    return built;
+  }
+  const TcSfmInput input{front.features, front.intrinsics, front.two_views, front.view_graph};
+  ROTUNDA_ASSIGN_OR_RETURN(built.tc_sfm,
+                           RunTcSfm(input, run.options.tc_sfm, incremental, run.context));
+  built.models = std::move(built.tc_sfm->models);
+  ROTUNDA_ASSIGN_OR_RETURN(built.segments, LabelSegments(run, front, *built.tc_sfm));
+  return built;
+}
+
+PipelineResult Finish(const Run& run, FrontEnd front, Built built,
                       const IncrementalOptions& incremental) {
   run.context.Report("uncertainty", 0, 1);
-  Reconstruction model = WithColors(std::move(models.models.front()), front.features);
+  Reconstruction model = WithColors(std::move(built.models.models.front()), front.features);
   const bool lenses_moved = RefinesIntrinsics(RegisteredCount(model), incremental);
   Reference reference = MeasureReference(run, model, front.features, lenses_moved);
   if (reference.alignment) {
@@ -293,12 +262,19 @@ PipelineResult Finish(const Run& run, FrontEnd front, IncrementalResult models,
     model = Transformed(model, rig_from_model);
     reference.covariances = Transformed(*reference.covariances, rig_from_model);
   }
-  PoseSet poses = DescribePoses(run, models, model, front.features);
+  PoseSet poses = DescribePoses(run.set, built.models, model, front.features);
+  poses.method = MethodName(run.options.method);
   poses.options = DescribeOptions(run, incremental.refine_intrinsics);
+  if (built.tc_sfm) {
+    AddVerdict(*built.tc_sfm, poses);
+    reference.notes.insert(reference.notes.begin(), built.tc_sfm->notes.begin(),
+                           built.tc_sfm->notes.end());
+  }
   if (reference.covariances) AddSigmas(*reference.covariances, model.intrinsics, poses);
   if (reference.alignment) {
     AddCalibrationFigures(*reference.alignment, *run.calibration, poses);
   }
+  if (built.segments) AddSegments(*built.segments, poses);
 
   PipelineResult result{run.set, std::move(front.features), std::move(model), std::move(poses),
                         std::move(reference.notes)};
@@ -310,6 +286,8 @@ PipelineResult Finish(const Run& run, FrontEnd front, IncrementalResult models,
 }
 
 }  // namespace
+
+const char* MethodName(Method method) { return method == Method::kPlain ? "plain" : "tc-sfm"; }
 
 Result<Stage> StageFromName(std::string_view name) {
   if (name == "features") return Stage::kFeatures;
@@ -336,6 +314,10 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
     return Error{ErrorCode::kInvalidArgument,
                  "starting from a stage needs the folder of the stages", ""};
   }
+  if (options.method != Method::kPlain && options.start_from == Stage::kTracks) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "tracks to start from are the plain method's: tc-sfm builds its own", ""};
+  }
   if (options.database && options.start_from && *options.start_from <= Stage::kMatches) {
     return Error{ErrorCode::kInvalidArgument,
                  "features and matches come either from a database or from the stages", ""};
@@ -344,12 +326,9 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
 
   IncrementalOptions incremental = options.incremental;
   incremental.refine_intrinsics = options.refine_intrinsics.value_or(!front.intrinsics.known);
-  const IncrementalInput input{front.features, front.intrinsics, front.two_views, front.view_graph,
-                               front.tracks};
-  ROTUNDA_ASSIGN_OR_RETURN(IncrementalResult models,
-                           BuildReconstructions(input, incremental, context));
+  ROTUNDA_ASSIGN_OR_RETURN(Built built, BuildModels(run, front, incremental));
   ROTUNDA_RETURN_IF_ERROR(CheckStopped(context));
-  return Finish(run, std::move(front), std::move(models), incremental);
+  return Finish(run, std::move(front), std::move(built), incremental);
 }
 
 Status WriteResult(const PipelineResult& result, const std::optional<Calibration>& calibration,

@@ -14,9 +14,17 @@
 #include "sfm/incremental.h"
 #include "sfm/matching.h"
 #include "sfm/reconstruction.h"
+#include "sfm/segments.h"
+#include "sfm/tc_sfm.h"
 #include "sfm/two_view.h"
 
 namespace rotunda::sfm {
+
+enum class Method {
+  kTcSfm,
+  kPlain,  // incremental structure from motion as it is: folds when front and back look the same
+};
+const char* MethodName(Method method);  // "tc-sfm", "plain"
 
 enum class PairSelection { kExhaustive, kNeighbours };
 
@@ -25,12 +33,18 @@ enum class Stage { kFeatures, kMatches, kTwoViews, kTracks };
 Result<Stage> StageFromName(std::string_view name);  // "features", "matches", "two-views", "tracks"
 
 struct PipelineOptions {
+  Method method = Method::kTcSfm;
   PairSelection pairs = PairSelection::kExhaustive;
   std::optional<bool> refine_intrinsics;  // unset: refined when they do not come from a calibration
   FeatureOptions features;
   MatchOptions matching;
   TwoViewOptions two_view;
   IncrementalOptions incremental;
+  TcSfmOptions tc_sfm;
+  SuperpixelOptions superpixels;
+  TrackGraphOptions track_graph;
+  CommunityOptions communities;
+  SegmentOptions segments;
   /// COLMAP database.db whose keypoints and matches are used in place of our own front end.
   std::optional<std::filesystem::path> database;
   /// Where features, matches, two-view geometries and tracks are written, for inspection and for

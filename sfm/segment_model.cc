@@ -14,7 +14,7 @@ namespace {
 constexpr uint32_t kNoPoint = UINT32_MAX;
 /// All poses are adjusted when the model has grown by this factor: they are only compared at
 /// thresholds of many degrees.
-constexpr double kAdjustmentGrowth = 1.05;
+constexpr double kAdjustmentGrowth = 1.2;
 /// Share of the pair's points that must survive the first adjustment.
 constexpr double kMinInitialShare = 0.5;
 

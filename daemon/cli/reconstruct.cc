@@ -9,6 +9,7 @@
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
 #include "sfm/pipeline.h"
+#include "sfm/presets.h"
 
 namespace rotunda::cli {
 namespace {
@@ -19,7 +20,9 @@ struct ReconstructArguments {
   fs::path frameset;
   fs::path out;
   std::optional<fs::path> calibration;
-  std::string method = "plain";
+  sfm::Method method = sfm::Method::kTcSfm;
+  sfm::Preset preset = sfm::Preset::kRig;
+  std::vector<std::string> settings;
   sfm::PairSelection pairs = sfm::PairSelection::kExhaustive;
   bool fix_intrinsics = false;
   bool refine_intrinsics = false;
@@ -45,6 +48,13 @@ Result<std::optional<Calibration>> FindCalibration(const ReconstructArguments& a
 
 Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
   sfm::PipelineOptions options;
+  options.method = arguments.method;
+  sfm::ApplyPreset(arguments.preset, options);
+  for (const std::string& setting : arguments.settings) {
+    const size_t equals = std::min(setting.find('='), setting.size());
+    const std::string value = setting.substr(std::min(equals + 1, setting.size()));
+    ROTUNDA_RETURN_IF_ERROR(sfm::SetOption(setting.substr(0, equals), value, options));
+  }
   options.pairs = arguments.pairs;
   if (arguments.fix_intrinsics) options.refine_intrinsics = false;
   if (arguments.refine_intrinsics) options.refine_intrinsics = true;
@@ -75,6 +85,7 @@ void PrintJson(const ReconstructArguments& arguments, const sfm::PipelineResult&
                                          {"of", summary.of},
                                          {"points", summary.points},
                                          {"models", summary.models},
+                                         {"verdict", summary.verdict},
                                          {"mean_reprojection_px", summary.mean_reprojection_px},
                                          {"rms_px", summary.rms_px},
                                          {"notes", reconstruction.notes},
@@ -88,6 +99,14 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
   std::printf("Registered %zu of %zu cameras, %zu points, mean reprojection error %.3f px%s\n",
               summary.registered, summary.of, summary.points, summary.mean_reprojection_px,
               result.poses.metric ? ", metric in the rig frame" : ", arbitrary scale");
+  if (summary.verdict == "sure") {
+    std::printf("Sure: %s\n",
+                summary.margin ? "what looks alike was told apart" : "nothing looks alike");
+  } else if (summary.verdict == "unsure") {
+    std::printf("UNSURE: parts of the subject look alike and nothing tells them apart\n");
+  } else if (summary.verdict == "folded") {
+    std::printf("FOLDED: the poses lay different parts of the subject over each other\n");
+  }
   for (const CameraPose& pose : result.poses.cameras) {
     if (!pose.registered) {
       std::printf("  not registered: %s: %s\n", pose.camera.c_str(), pose.reason.c_str());
@@ -156,9 +175,19 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->add_option("--calibration", arguments->calibration,
                    "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there")
       ->type_name("FILE");
-  command->add_option("--method", arguments->method, "How to reconstruct: plain = incremental SfM")
-      ->check(CLI::IsMember({"plain"}))
-      ->capture_default_str();
+  AddChoice<sfm::Method>(
+      command, "--method", arguments->method,
+      "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
+      "plain: incremental SfM as it is",
+      {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
+  AddChoice<sfm::Preset>(
+      command, "--preset", arguments->preset,
+      "What tc-sfm is set up for: rig (default), or internet = unordered photographs",
+      {{"rig", sfm::Preset::kRig}, {"internet", sfm::Preset::kInternet}});
+  command
+      ->add_option("--set", arguments->settings,
+                   "One option of tc-sfm by its name, for comparisons; a wrong name lists them")
+      ->type_name("NAME=VALUE");
   AddChoice<sfm::PairSelection>(
       command, "--pairs", arguments->pairs,
       "Pairs to match: exhaustive (default), or neighbours = those whose calibrated views overlap "

@@ -118,7 +118,18 @@ Json SummaryJson(const PoseSummary& summary) {
   if (summary.mean_position_mm) object["mean_position_mm"] = *summary.mean_position_mm;
   object["ambiguous_communities"] = summary.ambiguous_communities;
   if (summary.folded) object["folded"] = *summary.folded;
+  if (!summary.verdict.empty()) object["verdict"] = summary.verdict;
+  if (summary.margin) object["margin"] = *summary.margin;
   return object;
+}
+
+std::string ReadVerdict(const JsonField& field) {
+  if (!field.present()) return "";
+  const std::string verdict = field.String();
+  if (verdict != "sure" && verdict != "unsure" && verdict != "folded") {
+    field.Refuse("\"sure\", \"unsure\" or \"folded\"");
+  }
+  return verdict;
 }
 
 PoseSummary ReadSummary(const JsonField& object) {
@@ -135,6 +146,8 @@ PoseSummary ReadSummary(const JsonField& object) {
   if (position.present()) summary.mean_position_mm = position.Number();
   summary.ambiguous_communities = object["ambiguous_communities"].Unsigned();
   if (object["folded"].present()) summary.folded = object["folded"].Bool();
+  summary.verdict = ReadVerdict(object["verdict"]);
+  if (object["margin"].present()) summary.margin = object["margin"].Number();
   return summary;
 }
 

@@ -57,6 +57,10 @@ struct PoseSummary {
   std::optional<double> mean_position_mm;
   size_t ambiguous_communities = 0;
   std::optional<bool> folded;  // absent: nothing was at hand to tell
+  std::string verdict;         // "sure", "unsure", "folded"; empty: the method gives none
+  /// Log-likelihood (natural) that speaks against everything that looks alike; absent when nothing
+  /// does.
+  std::optional<double> margin;
 };
 
 /// What a reconstruction gives: poses.json. Cameras are sorted by name; all cameras of the frame

@@ -1,0 +1,116 @@
+#include "sfm/pose_description.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+
+namespace rotunda::sfm {
+namespace {
+
+/// "front" within 45 degrees of azimuth 0 of the rig frame, and so on counter-clockwise.
+std::string SideOf(const Rigid3& cam_from_rig) {
+  const Eigen::Vector3d center_m = cam_from_rig.OriginInSource();
+  const double azimuth_deg = DegFromRad(std::atan2(center_m.y(), center_m.x()));
+  if (std::abs(azimuth_deg) <= 45) return "front";
+  if (std::abs(azimuth_deg) >= 135) return "back";
+  return azimuth_deg > 0 ? "left" : "right";
+}
+
+}  // namespace
+
+PoseSet DescribePoses(const FrameSet& set, const IncrementalResult& models,
+                      const Reconstruction& reconstruction, const Features& features) {
+  PoseSet poses;
+  poses.frameset = set.id;
+  const ReprojectionSummary residuals = SummarizeReprojection(reconstruction, features);
+  poses.summary.of = set.frames.size();
+  poses.summary.registered = RegisteredCount(reconstruction);
+  poses.summary.rms_px = residuals.rms_px;
+  poses.summary.mean_reprojection_px = residuals.mean_over_points_px;
+  poses.summary.points = reconstruction.points.size();
+  poses.summary.models = models.models.size();
+  for (size_t i = 0; i < set.frames.size(); ++i) {
+    CameraPose& pose = poses.cameras.emplace_back();
+    pose.camera = set.frames[i].camera;
+    pose.observations = residuals.images[i].observations;
+    pose.rms_px = residuals.images[i].rms_px;
+    pose.registered = reconstruction.Registered(ImageId(i));
+    if (pose.registered || reconstruction.intrinsics.known) {
+      pose.intrinsics = reconstruction.intrinsics.of(ImageId(i));
+    }
+    if (pose.registered) {
+      pose.cam_from_rig = *reconstruction.cam_from_model[i];
+    } else {
+      pose.reason =
+          "is in another piece of the reconstruction, which could not be joined to this one";
+    }
+  }
+  for (const UnregisteredImage& image : models.unregistered) {
+    poses.cameras[image.image.index()].reason = image.reason;
+  }
+  return poses;
+}
+
+void AddSigmas(const PoseCovariances& covariances, const Intrinsics& intrinsics, PoseSet& poses) {
+  for (size_t i = 0; i < poses.cameras.size(); ++i) {
+    if (!covariances.images[i]) continue;
+    poses.cameras[i].sigma = SigmaOf(*covariances.images[i]);
+    poses.cameras[i].sigma->focal_px = covariances.focal_sigma_px[intrinsics.lens_of_image[i]];
+  }
+}
+
+void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& calibration,
+                           PoseSet& poses) {
+  poses.metric = true;
+  poses.aligned_to = calibration.id;
+  if (!poses.summary.folded) poses.summary.folded = false;
+  double rotation_sum_deg = 0, position_sum_mm = 0;
+  size_t compared = 0;
+  for (size_t i = 0; i < poses.cameras.size(); ++i) {
+    CameraPose& pose = poses.cameras[i];
+    if (!pose.registered) continue;
+    pose.side = SideOf(pose.cam_from_rig);
+    pose.vs_calibration = alignment.vs_calibration[i];
+    if (!pose.vs_calibration) continue;
+    if (pose.vs_calibration->rotation_deg > kFoldedRotation_deg) poses.summary.folded = true;
+    rotation_sum_deg += pose.vs_calibration->rotation_deg;
+    position_sum_mm += pose.vs_calibration->position_mm;
+    ++compared;
+  }
+  if (compared == 0) return;
+  poses.summary.mean_rotation_deg = rotation_sum_deg / static_cast<double>(compared);
+  poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);
+}
+
+void AddVerdict(const TcSfmResult& result, PoseSet& poses) {
+  poses.summary.verdict = VerdictName(result.verdict);
+  if (std::isfinite(result.evidence)) poses.summary.margin = result.evidence;
+  poses.summary.folded = result.verdict == Verdict::kFolded;
+}
+
+void AddSegments(const Segments& segments, PoseSet& poses) {
+  for (size_t s = 0; s < segments.segments.size(); ++s) {
+    const Segment& segment = segments.segments[s];
+    if (segment.images.empty()) continue;
+    SegmentSummary& summary = poses.segments.emplace_back();
+    summary.id = static_cast<uint32_t>(s);
+    summary.community = summary.id;
+    summary.ambiguous = segment.ambiguous;
+    summary.tracks = segment.tracks;
+    summary.cameras = segment.images.size();
+    std::map<std::string, size_t> sides;
+    for (const ImageId image : segment.images) {
+      CameraPose& camera = poses.cameras[image.index()];
+      camera.segments.push_back(summary.id);
+      if (!camera.side.empty()) ++sides[camera.side];
+    }
+    size_t most = 0;
+    for (const auto& [side, cameras] : sides) {
+      if (cameras > most) most = cameras, summary.side = side;
+    }
+    poses.summary.ambiguous_communities += segment.ambiguous;
+  }
+}
+
+}  // namespace rotunda::sfm

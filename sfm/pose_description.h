@@ -1,0 +1,37 @@
+#pragma once
+
+#include "sfm/core/calibration.h"
+#include "sfm/core/frame_set.h"
+#include "sfm/core/pose_set.h"
+#include "sfm/covariance.h"
+#include "sfm/features.h"
+#include "sfm/incremental.h"
+#include "sfm/intrinsics.h"
+#include "sfm/reconstruction.h"
+#include "sfm/rig_alignment.h"
+#include "sfm/segments.h"
+#include "sfm/tc_sfm.h"
+
+namespace rotunda::sfm {
+
+/// Poses and summary of the largest model; what is measured against the calibration and what is
+/// told of look-alikes comes later.
+PoseSet DescribePoses(const FrameSet& set, const IncrementalResult& models,
+                      const Reconstruction& reconstruction, const Features& features);
+
+/// Only for calibrated lenses: a principal point that is merely taken to be in the middle puts
+/// errors into the poses that the covariance does not see.
+void AddSigmas(const PoseCovariances& covariances, const Intrinsics& intrinsics, PoseSet& poses);
+
+/// Sides of the cameras and how far they are from the calibration; the poses are in its frame.
+void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& calibration,
+                           PoseSet& poses);
+
+/// Verdict, margin and folded check.
+void AddVerdict(const TcSfmResult& result, PoseSet& poses);
+
+/// Segments with the cameras that are related to them; the side of a segment is that of most of
+/// its cameras.
+void AddSegments(const Segments& segments, PoseSet& poses);
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,68 @@
+#include "sfm/presets.h"
+
+#include <cstdlib>
+#include <functional>
+#include <map>
+
+namespace rotunda::sfm {
+namespace {
+
+using Setter = std::function<bool(std::string_view, PipelineOptions&)>;
+
+Setter Switch(bool& (*field)(PipelineOptions&)) {
+  return [field](std::string_view value, PipelineOptions& options) {
+    if (value != "on" && value != "off") return false;
+    field(options) = value == "on";
+    return true;
+  };
+}
+
+Setter Number(double& (*field)(PipelineOptions&)) {
+  return [field](std::string_view value, PipelineOptions& options) {
+    const std::string text(value);
+    char* end = nullptr;
+    const double number = std::strtod(text.c_str(), &end);
+    if (text.empty() || *end != '\0') return false;
+    field(options) = number;
+    return true;
+  };
+}
+
+const std::map<std::string, Setter, std::less<>>& Setters() {
+  using O = PipelineOptions;
+  static const std::map<std::string, Setter, std::less<>> setters = {
+      {"consistent-view-graph",
+       Switch([](O& o) -> bool& { return o.tc_sfm.consistent_view_graph; })},
+      {"unfolding", Switch([](O& o) -> bool& { return o.tc_sfm.unfolding; })},
+      {"obstacles", Switch([](O& o) -> bool& { return o.tc_sfm.covisibility.obstacles; })},
+      {"bidirectional", Switch([](O& o) -> bool& { return o.tc_sfm.merging.bidirectional; })},
+      {"reprojection-weight",
+       Number([](O& o) -> double& { return o.tc_sfm.merging.reprojection_weight; })},
+      {"contrast", Number([](O& o) -> double& { return o.features.contrast_threshold; })},
+  };
+  return setters;
+}
+
+}  // namespace
+
+void ApplyPreset(Preset preset, PipelineOptions& options) {
+  if (preset == Preset::kRig) return;
+  options.tc_sfm.consistency.least_sure_weight = 0.02;
+  options.segments.min_diversity = 0.65;
+}
+
+Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options) {
+  const auto found = Setters().find(key);
+  if (found == Setters().end()) {
+    std::string known;
+    for (const auto& [name, setter] : Setters()) known += (known.empty() ? "" : ", ") + name;
+    return Error{ErrorCode::kInvalidArgument,
+                 "option '" + std::string(key) + "' is not known; known are " + known, ""};
+  }
+  if (found->second(value, options)) return {};
+  return Error{ErrorCode::kInvalidArgument,
+               "'" + std::string(value) + "' was given, a number, \"on\" or \"off\" is expected",
+               std::string(key)};
+}
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "sfm/core/result.h"
+#include "sfm/pipeline.h"
+
+namespace rotunda::sfm {
+
+enum class Preset {
+  kRig,       // a cylinder of calibrated cameras around a person; the default
+  kInternet,  // unordered photographs
+};
+
+/// Sets what the preset changes of the method tc-sfm.
+void ApplyPreset(Preset preset, PipelineOptions& options);
+
+/// Sets one option of the method tc-sfm by its name, for comparisons. kInvalidArgument names the
+/// key or the value and what is known or expected.
+Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options);
+
+}  // namespace rotunda::sfm
