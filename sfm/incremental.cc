@@ -447,6 +447,7 @@ Result<IncrementalResult> ExtendReconstruction(const IncrementalInput& input,
                                                const IncrementalOptions& options,
                                                RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  context.Report(kStage, RegisteredCount(start), input.features.images.size());
   Growth growth = BeginGrowth(input, options, context);
   ModelBuilder builder(input, options, growth.growing_tracks, context);
   builder.Adopt(start);

@@ -244,6 +244,14 @@ Result<Built> BuildModels(const Run& run, const FrontEnd& front,
     return built;
   }
   const TcSfmInput input{front.features, front.intrinsics, front.two_views, front.view_graph};
+  if (run.options.method == Method::kLiteral) {
+    ROTUNDA_ASSIGN_OR_RETURN(
+        LiteralResult literal,
+        RunLiteralTcSfm(run.set, input, run.options.literal, incremental, run.context));
+    built.models = std::move(literal.models);
+    built.segments = std::move(literal.segments);
+    return built;
+  }
   ROTUNDA_ASSIGN_OR_RETURN(built.tc_sfm,
                            RunTcSfm(input, run.options.tc_sfm, incremental, run.context));
   built.models = std::move(built.tc_sfm->models);

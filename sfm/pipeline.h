@@ -12,6 +12,7 @@
 #include "sfm/core/run_context.h"
 #include "sfm/features.h"
 #include "sfm/incremental.h"
+#include "sfm/literal_tc_sfm.h"
 #include "sfm/matching.h"
 #include "sfm/reconstruction.h"
 #include "sfm/segments.h"
@@ -22,9 +23,10 @@ namespace rotunda::sfm {
 
 enum class Method {
   kTcSfm,
-  kPlain,  // incremental structure from motion as it is: folds when front and back look the same
+  kLiteral,  // TC-SfM as it was published
+  kPlain,    // incremental structure from motion as it is: folds when front and back look the same
 };
-const char* MethodName(Method method);  // "tc-sfm", "plain"
+const char* MethodName(Method method);  // "tc-sfm", "tc-sfm literal", "plain"
 
 enum class PairSelection { kExhaustive, kNeighbours };
 
@@ -41,6 +43,7 @@ struct PipelineOptions {
   TwoViewOptions two_view;
   IncrementalOptions incremental;
   TcSfmOptions tc_sfm;
+  LiteralOptions literal;
   SuperpixelOptions superpixels;
   TrackGraphOptions track_graph;
   CommunityOptions communities;

@@ -38,6 +38,30 @@ const std::map<std::string, Setter, std::less<>>& Setters() {
       {"bidirectional", Switch([](O& o) -> bool& { return o.tc_sfm.merging.bidirectional; })},
       {"reprojection-weight",
        Number([](O& o) -> double& { return o.tc_sfm.merging.reprojection_weight; })},
+      {"literal-weighted-track-graph",
+       Switch([](O& o) -> bool& { return o.literal.track_graph.weighted; })},
+      {"literal-rejected-undecided",
+       [](std::string_view value, O& o) {
+         o.literal.correction.undecided_is_consistent = value != "on";
+         return value == "on" || value == "off";
+       }},
+      {"literal-center-angle",
+       [](std::string_view value, O& o) {
+         o.literal.correction.place_distance =
+             value == "on" ? PlaceDistance::kCenterAngle : PlaceDistance::kTranslationAngle;
+         return value == "on" || value == "off";
+       }},
+      {"literal-strongest-link-next",
+       [](std::string_view value, O& o) {
+         o.literal.correction.next =
+             value == "on" ? NextImage::kStrongestLink : NextImage::kMostPrimaryPoints;
+         return value == "on" || value == "off";
+       }},
+      {"literal-mean-cost", Switch([](O& o) -> bool& { return o.literal.merging.mean_cost; })},
+      {"literal-reprojection-weight",
+       Number([](O& o) -> double& { return o.literal.merging.reprojection_weight; })},
+      {"literal-bidirectional",
+       Switch([](O& o) -> bool& { return o.literal.merging.bidirectional; })},
       {"contrast", Number([](O& o) -> double& { return o.features.contrast_threshold; })},
   };
   return setters;
@@ -47,6 +71,10 @@ const std::map<std::string, Setter, std::less<>>& Setters() {
 
 void ApplyPreset(Preset preset, PipelineOptions& options) {
   if (preset == Preset::kRig) return;
+  if (preset == Preset::kLiteral) {
+    options.method = Method::kLiteral;
+    return;
+  }
   options.tc_sfm.consistency.least_sure_weight = 0.02;
   options.segments.min_diversity = 0.65;
 }

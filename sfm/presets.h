@@ -11,6 +11,7 @@ namespace rotunda::sfm {
 enum class Preset {
   kRig,       // a cylinder of calibrated cameras around a person; the default
   kInternet,  // unordered photographs
+  kLiteral,   // TC-SfM word for word, to compare with
 };
 
 /// Sets what the preset changes of the method tc-sfm.

@@ -49,7 +49,7 @@ Result<std::optional<Calibration>> FindCalibration(const ReconstructArguments& a
 Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
   sfm::PipelineOptions options;
   options.method = arguments.method;
-  sfm::ApplyPreset(arguments.preset, options);
+  if (options.method == sfm::Method::kTcSfm) sfm::ApplyPreset(arguments.preset, options);
   for (const std::string& setting : arguments.settings) {
     const size_t equals = std::min(setting.find('='), setting.size());
     const std::string value = setting.substr(std::min(equals + 1, setting.size()));
@@ -182,8 +182,11 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
   AddChoice<sfm::Preset>(
       command, "--preset", arguments->preset,
-      "What tc-sfm is set up for: rig (default), or internet = unordered photographs",
-      {{"rig", sfm::Preset::kRig}, {"internet", sfm::Preset::kInternet}});
+      "What tc-sfm is set up for: rig (default), internet = unordered photographs, or literal = as "
+      "it was published, to compare with",
+      {{"rig", sfm::Preset::kRig},
+       {"internet", sfm::Preset::kInternet},
+       {"literal", sfm::Preset::kLiteral}});
   command
       ->add_option("--set", arguments->settings,
                    "One option of tc-sfm by its name, for comparisons; a wrong name lists them")

@@ -8,31 +8,32 @@ const std::vector<std::string> kLiteral = {"--method", "tc-sfm", "--preset", "li
 const std::vector<std::string> kInternet = {"--method", "tc-sfm", "--preset", "internet"};
 const std::vector<std::string> kPlain = {"--method", "plain"};
 
-/// One place where the preset "rig" reads or adds to the paper in its own way, as settings of
-/// `rotunda reconstruct --set KEY=VALUE`.
+/// A setting of `rotunda reconstruct --set NAME=VALUE` and what the ablation sets it to.
 struct Reading {
   const char* name;
   const char* key;
-  const char* ours;
-  const char* without;    // the paper's way, or the part switched off
-  bool in_paper = false;  // what is switched off is the paper's own: literal has it already
+  const char* value;
 };
-constexpr Reading kReadings[] = {
-    {"consistent-view-graph", "consistent_view_graph", "on", "off"},
-    {"weighted-track-graph", "track_graph_weights", "pictures", "one"},
-    {"rejected-links", "ambiguity_sign", "rejected-links", "diversity"},
-    {"centroid-angle", "translation_error", "centroid", "literal"},
-    {"undecided", "undecided", "evidence", "consistent"},
-    {"missing-observations", "missing_observations", "on", "off"},
-    {"heaviest-edge-next", "next_image", "weight", "matches"},
-    {"reprojection-in-merging", "merge_reprojection_weight", "1", "0"},
-    {"mean-merging-cost", "merge_cost", "mean", "sum"},
-    {"bidirectional-cost", "bidirectional_cost", "on", "off", true},
+/// Parts of tc-sfm switched off.
+constexpr Reading kWithout[] = {
+    {"consistent-view-graph", "consistent-view-graph", "off"},
+    {"unfolding", "unfolding", "off"},
+    {"obstacles", "obstacles", "off"},
+    {"keypoints-of-low-contrast", "contrast", "0.02"},
+};
+/// The published method with one of our readings; the last is a part of it switched off.
+constexpr Reading kLiteralWith[] = {
+    {"+weighted-track-graph", "literal-weighted-track-graph", "on"},
+    {"+undecided-left-out", "literal-rejected-undecided", "on"},
+    {"+center-angle", "literal-center-angle", "on"},
+    {"+strongest-link-next", "literal-strongest-link-next", "on"},
+    {"+mean-cost", "literal-mean-cost", "on"},
+    {"+reprojection", "literal-reprojection-weight", "1"},
+    {"-bidirectional-cost", "literal-bidirectional", "off"},
 };
 
-std::vector<std::string> With(std::vector<std::string> options, const Reading& reading,
-                              const char* value) {
-  options.insert(options.end(), {"--set", std::string(reading.key) + "=" + value});
+std::vector<std::string> With(std::vector<std::string> options, const Reading& reading) {
+  options.insert(options.end(), {"--set", std::string(reading.key) + "=" + reading.value});
   return options;
 }
 
@@ -43,14 +44,11 @@ std::vector<Method> MainMethods() {
 /// The names of the main methods are those of the mean set: their cells are shared with it.
 std::vector<Method> AblationMethods() {
   std::vector<Method> methods = {{"literal", kLiteral}, {"tc-sfm", kRig}};
-  for (const Reading& reading : kReadings) {
-    if (reading.in_paper) continue;
-    methods.push_back(
-        {std::string("literal+") + reading.name, With(kLiteral, reading, reading.ours)});
+  for (const Reading& reading : kLiteralWith) {
+    methods.push_back({std::string("literal") + reading.name, With(kLiteral, reading)});
   }
-  for (const Reading& reading : kReadings) {
-    methods.push_back(
-        {std::string("tc-sfm-") + reading.name, With(kRig, reading, reading.without)});
+  for (const Reading& reading : kWithout) {
+    methods.push_back({std::string("tc-sfm-") + reading.name, With(kRig, reading)});
   }
   return methods;
 }

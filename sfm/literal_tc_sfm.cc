@@ -1,0 +1,100 @@
+#include "sfm/literal_tc_sfm.h"
+
+#include "sfm/disjoint_sets.h"
+#include "sfm/tracks.h"
+
+namespace rotunda::sfm {
+namespace {
+
+/// The heavy edges, and of the others those that hold the graph together.
+ViewGraph HeavyEdges(const ViewGraph& graph, double min_weight) {
+  ViewGraph heavy{graph.images, {}};
+  DisjointSets sets(graph.images);
+  for (const size_t e : EdgesByWeight(graph)) {
+    const ViewGraphEdge& edge = graph.edges[e];
+    const bool joins = sets.Unite(edge.pair.first.index(), edge.pair.second.index());
+    if (joins || edge.weight >= min_weight) heavy.edges.push_back(edge);
+  }
+  return heavy;
+}
+
+/// No edge is judged by the others in the paper.
+ConsistentViewGraph NothingRejected(const ViewGraph& graph) {
+  ConsistentViewGraph consistent;
+  consistent.verdicts.assign(graph.edges.size(), EdgeVerdict::kSure);
+  return consistent;
+}
+
+Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input, const Tracks& tracks,
+                              const LiteralOptions& options, RunContext& context) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<Superpixels> superpixels,
+                           BuildSuperpixels(set, options.superpixels, context));
+  context.Report("communities", 0, 1);
+  const TrackGraph graph =
+      BuildTrackGraph(input.features, tracks, superpixels, options.track_graph);
+  ROTUNDA_ASSIGN_OR_RETURN(const Communities communities,
+                           BuildCommunities(graph.graph, options.communities));
+  const ConsistentViewGraph consistent = NothingRejected(input.view_graph);
+  return BuildSegments({input.features, input.two_views, input.view_graph, consistent, tracks,
+                        superpixels, graph, communities},
+                       options.segments);
+}
+
+std::vector<ImageId> AllImages(const Features& features) {
+  std::vector<ImageId> images;
+  for (size_t i = 0; i < features.images.size(); ++i) images.push_back(ImageId(i));
+  return images;
+}
+
+}  // namespace
+
+Status LiteralOptions::Validate() const {
+  ROTUNDA_RETURN_IF_ERROR(superpixels.Validate());
+  ROTUNDA_RETURN_IF_ERROR(communities.Validate());
+  ROTUNDA_RETURN_IF_ERROR(segments.Validate());
+  ROTUNDA_RETURN_IF_ERROR(correction.Validate());
+  ROTUNDA_RETURN_IF_ERROR(clusters.Validate());
+  return merging.Validate();
+}
+
+Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& input,
+                                      const LiteralOptions& options,
+                                      const IncrementalOptions& incremental, RunContext& context) {
+  ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  const ViewGraph heavy = HeavyEdges(input.view_graph, options.min_edge_weight);
+  const Tracks tracks = BuildTracks(input.features, input.two_views, heavy);
+  LiteralResult result;
+  ROTUNDA_ASSIGN_OR_RETURN(result.segments, FindSegments(set, input, tracks, options, context));
+
+  context.Report("correction", 0, 1);
+  const IncrementalInput everything = {input.features, input.intrinsics, input.two_views,
+                                       input.view_graph, tracks};
+  ROTUNDA_ASSIGN_OR_RETURN(
+      const Correction correction,
+      BuildCorrection(everything, result.segments, options.correction, context));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      ClusterReconstructions clusters,
+      BuildClusterReconstructions(everything, correction, options.clusters, incremental, context));
+  if (clusters.models.empty()) {
+    return Error{ErrorCode::kFailed, "no cluster of pictures gives a model", "correction"};
+  }
+  context.Report("merging", 0, 1);
+  ROTUNDA_ASSIGN_OR_RETURN(MergeResult merged,
+                           MergeModels({input.features, input.two_views, input.view_graph},
+                                       std::move(clusters.models), options.merging, context));
+
+  const TwoViews consistent =
+      MatchesWithinParts(everything, correction, AllImages(input.features), options.clusters);
+  const ViewGraph graph = BuildViewGraph(input.features, consistent);
+  const Tracks last = BuildTracks(input.features, consistent, graph);
+  const Reconstruction& start = merged.models.front();
+  ROTUNDA_ASSIGN_OR_RETURN(result.models, ExtendReconstruction({input.features, start.intrinsics,
+                                                                consistent, graph, last},
+                                                               start, incremental, context));
+  for (size_t m = 1; m < merged.models.size(); ++m) {
+    result.models.models.push_back(std::move(merged.models[m]));
+  }
+  return result;
+}
+
+}  // namespace rotunda::sfm

@@ -1,0 +1,47 @@
+#pragma once
+
+#include "sfm/cluster_reconstruction.h"
+#include "sfm/communities.h"
+#include "sfm/core/frame_set.h"
+#include "sfm/correction.h"
+#include "sfm/model_merging.h"
+#include "sfm/segments.h"
+#include "sfm/superpixels.h"
+#include "sfm/tc_sfm.h"
+#include "sfm/track_graph.h"
+
+namespace rotunda::sfm {
+
+/// TC-SfM as it was published, stage by stage; what is set here is the paper's reading.
+struct LiteralOptions {
+  double min_edge_weight = 0.15;  // tau_w; 0.05 for photographs from the Internet
+  SuperpixelOptions superpixels;
+  TrackGraphOptions track_graph{.weighted = false};
+  CommunityOptions communities;
+  SegmentOptions segments{.sign = AmbiguitySign::kDiversity};
+  CorrectionOptions correction{.next = NextImage::kMostPrimaryPoints,
+                               .place_distance = PlaceDistance::kTranslationAngle,
+                               .undecided_is_consistent = true,
+                               .labels_by_track = false,
+                               .max_sigma_share = std::numeric_limits<double>::infinity(),
+                               .model = {}};
+  ClusterOptions clusters;
+  MergeOptions merging{.reprojection_weight = 0, .mean_cost = false, .similarity = {}};
+  Status Validate() const;
+};
+
+struct LiteralResult {
+  IncrementalResult models;  // most images first
+  Segments segments;
+  std::vector<std::string> notes;
+};
+
+/// Wang et al., III-A to III-D: tracks of the heavy edges, track graph, communities, ambiguous ones
+/// by the diversity of their tracks' neighbours, correction, a reconstruction a cluster, merging,
+/// last adjustment. It gives no verdict. What is missing from it (a test of the result, evidence
+/// where front meets back) is RunTcSfm's business; this is what that is compared with.
+Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& input,
+                                      const LiteralOptions& options,
+                                      const IncrementalOptions& incremental, RunContext& context);
+
+}  // namespace rotunda::sfm
