@@ -2,17 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <set>
 
 #include "sfm/absolute_pose.h"
 
 namespace rotunda::sfm {
 namespace {
 
-/// A region speaks against an alternative when it is met at most this often there; of what an image
-/// really sees kMetWhenSeen is met (measured 0.70 to 0.83).
-constexpr double kMissedRate = 0.175;
-constexpr double kMetWhenSeen = 0.7;
 constexpr uint32_t kMinExpected = 6;
 
 /// By image and keypoint: the place of the point it observes, or none.
@@ -27,6 +23,10 @@ class PointOfKeypoint {
         places_[o.image.index()][o.keypoint.index()] = p;
       }
     }
+  }
+  size_t CountOf(ImageId image) const {
+    const std::vector<size_t>& places = places_[image.index()];
+    return places.size() - static_cast<size_t>(std::count(places.begin(), places.end(), kNone));
   }
   std::optional<size_t> Find(ImageId image, KeypointId keypoint) const {
     const size_t place = places_[image.index()][keypoint.index()];
@@ -47,8 +47,8 @@ struct Tie {
 
 std::vector<std::vector<Tie>> ContradictingTies(const Reconstruction& model,
                                                 const Features& features, const TwoViews& two_views,
-                                                const TwoViews& agreeing) {
-  const PointOfKeypoint points(model, features);
+                                                const TwoViews& agreeing,
+                                                const PointOfKeypoint& points) {
   std::vector<std::vector<Tie>> ties(features.images.size());
   auto kept = agreeing.pairs.begin();
   for (const TwoView& view : two_views.pairs) {
@@ -75,6 +75,7 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
                                         const AlternativeOptions& options, uint64_t seed) {
   const CameraIntrinsics& lens = model.intrinsics.of(image);
   AbsolutePoseInput input;
+  std::vector<KeypointId> keypoints;
   input.focal_px = lens.MeanFocal_px();
   for (const Tie& tie : ties) {
     const Keypoint& k = features.image(image).keypoints[tie.keypoint.index()];
@@ -82,6 +83,7 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
     if (!ray) continue;
     input.normalized.push_back(*ray);
     input.points.push_back(model.points[tie.point].position);
+    keypoints.push_back(tie.keypoint);
   }
   if (input.points.size() < options.min_inliers) return std::nullopt;
   AbsolutePoseOptions pose_options;
@@ -93,7 +95,9 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
   if (RotationAngle_rad(pose->cam_from_model.rotation, own) < options.min_rotation_rad) {
     return std::nullopt;
   }
-  return AlternativePose{image, pose->cam_from_model, pose->inliers.size()};
+  std::set<KeypointId> fitting;
+  for (const size_t i : pose->inliers) fitting.insert(keypoints[i]);
+  return AlternativePose{image, pose->cam_from_model, fitting.size(), 0};
 }
 
 double EvidenceAgainst(const std::vector<MeetingCount>& regions) {
@@ -101,11 +105,22 @@ double EvidenceAgainst(const std::vector<MeetingCount>& regions) {
   for (const MeetingCount& count : regions) {
     if (count.expected < kMinExpected) continue;
     const double rate = std::max(0.005, static_cast<double>(count.met) / count.expected);
-    if (rate > kMissedRate) continue;
-    evidence += count.met * std::log(rate / kMetWhenSeen) +
-                (count.expected - count.met) * std::log((1 - rate) / (1 - kMetWhenSeen));
+    if (rate > kMissedRatio * kMetShare) continue;
+    evidence += count.met * std::log(rate / kMetShare) +
+                (count.expected - count.met) * std::log((1 - rate) / (1 - kMetShare));
   }
   return evidence;
+}
+
+/// Log-likelihood of seeing none of the regions that one image misses rather than all, <= 0.
+double Missed(const std::vector<MeetingCount>& regions) {
+  double missed = 0;
+  for (const MeetingCount& count : regions) {
+    missed += std::min(
+        0.0, count.met * std::log(kMetShare / kMetByChance) +
+                 (count.expected - count.met) * std::log((1 - kMetShare) / (1 - kMetByChance)));
+  }
+  return missed;
 }
 
 }  // namespace
@@ -114,8 +129,9 @@ Alternatives FindAlternatives(const Reconstruction& model, const Features& featu
                               const TwoViews& two_views, const TwoViews& agreeing,
                               const CovisibilityOptions& covisibility,
                               const AlternativeOptions& options, RunContext& context) {
+  const PointOfKeypoint points(model, features);
   const std::vector<std::vector<Tie>> ties =
-      ContradictingTies(model, features, two_views, agreeing);
+      ContradictingTies(model, features, two_views, agreeing, points);
   std::vector<std::optional<AlternativePose>> poses(ties.size());
   context.threads.ParallelFor(ties.size(), [&](size_t i) {
     if (ties[i].size() < options.min_inliers) return;
@@ -123,14 +139,18 @@ Alternatives FindAlternatives(const Reconstruction& model, const Features& featu
   });
   Alternatives alternatives;
   for (const auto& pose : poses) {
-    if (pose) alternatives.poses.push_back(*pose);
+    if (!pose) continue;
+    alternatives.poses.push_back(*pose);
+    alternatives.poses.back().observations = points.CountOf(pose->image);
   }
   const ViewGraph everything = BuildViewGraph(features, two_views);
   const CovisibilityCounter counter(model, features, two_views, everything, covisibility);
   std::vector<std::vector<MeetingCount>> counts(alternatives.poses.size());
   context.threads.ParallelFor(counts.size(), [&](size_t a) {
-    const AlternativePose& pose = alternatives.poses[a];
+    AlternativePose& pose = alternatives.poses[a];
     counts[a] = counter.CountAt(pose.image, pose.cam_from_model);
+    const Rigid3& own = *model.cam_from_model[pose.image.index()];
+    pose.evidence_against = Missed(counter.CountAt(pose.image, own)) - Missed(counts[a]);
   });
   std::vector<MeetingCount> total;
   for (const std::vector<MeetingCount>& of_image : counts) {

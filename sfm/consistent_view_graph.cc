@@ -15,7 +15,7 @@ using Rotations = std::vector<std::optional<Eigen::Quaterniond>>;
 
 constexpr int kAveragingRounds = 20;
 constexpr double kSettled_rad = 1e-6;
-/// Residuals below this weigh no more than this one: their inverse root would have no bound.
+/// Residuals below this weigh no more than this one: the weight would have no bound.
 constexpr double kLeastResidual_rad = RadFromDeg(0.05);
 
 bool HasRotationOfItsOwn(const TwoView& view) { return view.kind != TwoViewKind::kPanoramic; }
@@ -158,7 +158,8 @@ std::vector<double> Residuals_rad(const ViewGraph& graph, const TwoViews& two_vi
 }
 
 /// One step of weighted least squares on the tangent vectors: R_i <- exp(d_i) R_i, where
-/// d_j - R_ij d_i = residual of edge ij. Returns the largest |d|.
+/// d_j - R_ij d_i = residual of edge ij and |residual|^-3/2 is the weight of the L1/2 norm. Returns
+/// the largest |d|.
 double AverageOnce(const ViewGraph& graph, const TwoViews& two_views, Rotations& rotations) {
   const auto size = static_cast<Eigen::Index>(3 * graph.images);
   std::vector<Eigen::Triplet<double>> entries;
@@ -173,7 +174,8 @@ double AverageOnce(const ViewGraph& graph, const TwoViews& two_views, Rotations&
   };
   for (const ViewGraphEdge& edge : graph.edges) {
     const Eigen::Vector3d residual = *Residual(edge, two_views, rotations);
-    const double weight = edge.weight / std::sqrt(std::max(residual.norm(), kLeastResidual_rad));
+    const double weight =
+        edge.weight * std::pow(std::max(residual.norm(), kLeastResidual_rad), -1.5);
     const Eigen::Matrix3d relative =
         two_views.pairs[edge.two_view].second_from_first.rotation.toRotationMatrix();
     const size_t i = edge.pair.first.index(), j = edge.pair.second.index();

@@ -452,6 +452,9 @@ Result<IncrementalResult> ExtendReconstruction(const IncrementalInput& input,
   ModelBuilder builder(input, options, growth.growing_tracks, context);
   builder.Adopt(start);
   builder.TriangulateAll();
+  if (builder.PointCount() == 0) {
+    return Error{ErrorCode::kFailed, "no track is seen by two images of the model", kStage};
+  }
   ROTUNDA_RETURN_IF_ERROR(builder.AdjustGlobally(GrowingAdjustment()));
   builder.Filter(options.max_reprojection_px, std::numeric_limits<double>::infinity());
   ROTUNDA_RETURN_IF_ERROR(Complete(builder, growth));

@@ -259,6 +259,28 @@ Result<Built> BuildModels(const Run& run, const FrontEnd& front,
   return built;
 }
 
+/// Cameras that what they see hardly puts on their side, and those that their strongest pair puts
+/// on another.
+void NoteDoubtfulSides(const FrameSet& set, const TcSfmResult& result,
+                       std::vector<std::string>& notes) {
+  constexpr double kDoubtfulCertainty = 3.0;  // log-likelihood
+  std::string by_likeness, doubtful;
+  for (size_t i = 0; i < result.certainty.size(); ++i) {
+    if (result.certainty[i] >= kDoubtfulCertainty) continue;
+    by_likeness += (by_likeness.empty() ? "" : ", ") + set.frames[i].camera;
+  }
+  for (const ImageId image : result.doubtful) {
+    doubtful += (doubtful.empty() ? "" : ", ") + set.frames[image.index()].camera;
+  }
+  if (!by_likeness.empty()) {
+    notes.push_back("hardly told apart from the look-alike side: " + by_likeness);
+  }
+  if (!doubtful.empty()) {
+    notes.push_back("more like a picture that contradicts their pose than like any that agrees: " +
+                    doubtful);
+  }
+}
+
 PipelineResult Finish(const Run& run, FrontEnd front, Built built,
                       const IncrementalOptions& incremental) {
   run.context.Report("uncertainty", 0, 1);
@@ -277,6 +299,7 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
     AddVerdict(*built.tc_sfm, poses);
     reference.notes.insert(reference.notes.begin(), built.tc_sfm->notes.begin(),
                            built.tc_sfm->notes.end());
+    NoteDoubtfulSides(run.set, *built.tc_sfm, reference.notes);
   }
   if (reference.covariances) AddSigmas(*reference.covariances, model.intrinsics, poses);
   if (reference.alignment) {

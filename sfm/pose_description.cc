@@ -72,7 +72,7 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
     if (!pose.registered) continue;
     pose.side = SideOf(pose.cam_from_rig);
     pose.vs_calibration = alignment.vs_calibration[i];
-    if (!pose.vs_calibration) continue;
+    if (!pose.vs_calibration || pose.vs_calibration->swapped_with) continue;
     if (pose.vs_calibration->rotation_deg > kFoldedRotation_deg) poses.summary.folded = true;
     rotation_sum_deg += pose.vs_calibration->rotation_deg;
     position_sum_mm += pose.vs_calibration->position_mm;

@@ -9,13 +9,17 @@ namespace {
 
 using Setter = std::function<bool(std::string_view, PipelineOptions&)>;
 
-Setter Switch(bool& (*field)(PipelineOptions&)) {
-  return [field](std::string_view value, PipelineOptions& options) {
+/// A field that is one of two readings.
+template <typename T>
+Setter Choice(T& (*field)(PipelineOptions&), T on, T off) {
+  return [=](std::string_view value, PipelineOptions& options) {
     if (value != "on" && value != "off") return false;
-    field(options) = value == "on";
+    field(options) = value == "on" ? on : off;
     return true;
   };
 }
+
+Setter Switch(bool& (*field)(PipelineOptions&)) { return Choice<bool>(field, true, false); }
 
 Setter Number(double& (*field)(PipelineOptions&)) {
   return [field](std::string_view value, PipelineOptions& options) {
@@ -41,22 +45,15 @@ const std::map<std::string, Setter, std::less<>>& Setters() {
       {"literal-weighted-track-graph",
        Switch([](O& o) -> bool& { return o.literal.track_graph.weighted; })},
       {"literal-rejected-undecided",
-       [](std::string_view value, O& o) {
-         o.literal.correction.undecided_is_consistent = value != "on";
-         return value == "on" || value == "off";
-       }},
+       Choice<bool>([](O& o) -> bool& { return o.literal.correction.undecided_is_consistent; },
+                    false, true)},
       {"literal-center-angle",
-       [](std::string_view value, O& o) {
-         o.literal.correction.place_distance =
-             value == "on" ? PlaceDistance::kCenterAngle : PlaceDistance::kTranslationAngle;
-         return value == "on" || value == "off";
-       }},
+       Choice<PlaceDistance>(
+           [](O& o) -> PlaceDistance& { return o.literal.correction.place_distance; },
+           PlaceDistance::kCenterAngle, PlaceDistance::kTranslationAngle)},
       {"literal-strongest-link-next",
-       [](std::string_view value, O& o) {
-         o.literal.correction.next =
-             value == "on" ? NextImage::kStrongestLink : NextImage::kMostPrimaryPoints;
-         return value == "on" || value == "off";
-       }},
+       Choice<NextImage>([](O& o) -> NextImage& { return o.literal.correction.next; },
+                         NextImage::kStrongestLink, NextImage::kMostPrimaryPoints)},
       {"literal-mean-cost", Switch([](O& o) -> bool& { return o.literal.merging.mean_cost; })},
       {"literal-reprojection-weight",
        Number([](O& o) -> double& { return o.literal.merging.reprojection_weight; })},

@@ -120,10 +120,11 @@ std::string StateLegend(const ReportInput& input, const Facts& facts) {
   const auto entry = [](const std::string& mark, const std::string& text) {
     return "<span><i " + mark + "></i>" + text + "</span>";
   };
-  bool look = false, moved = false, missing = false;
+  bool look = false, moved = false, swapped = false, missing = false;
   for (size_t i = 0; i < facts.cameras.size(); ++i) {
     look = look || facts.cameras[i].level == Level::kLook;
     moved = moved || facts.cameras[i].moved;
+    swapped = swapped || facts.cameras[i].swapped;
     missing = missing || !input.poses.cameras[i].registered;
   }
   std::string html = "<div class=\"legend state\" data-for=\"state\">" +
@@ -132,6 +133,7 @@ std::string StateLegend(const ReportInput& input, const Facts& facts) {
   if (moved) {
     html += entry("style=\"--c:var(--bad)\"", "moved (dashed: where the calibration has it)");
   }
+  if (swapped) html += entry("style=\"--c:var(--bad)\"", "swapped with another camera");
   if (missing && input.poses.aligned_to) {
     html += entry("class=\"hollow\"", "not registered, drawn where the calibration has it");
   }
@@ -254,7 +256,8 @@ std::string TableHtml(const ReportInput& input, const Facts& facts) {
 std::string StripHtml(const ReportInput& input, const Facts& facts,
                       const std::vector<Thumbnail>& thumbnails) {
   std::string html =
-      "<section><div class=\"head\"><h2>Pictures</h2><p>red: not registered or moved; a click "
+      "<section><div class=\"head\"><h2>Pictures</h2><p>red: not registered, moved or swapped; a "
+      "click "
       "leads to the camera's row</p></div><div class=\"strip\">\n";
   for (size_t i = 0; i < thumbnails.size(); ++i) {
     const Thumbnail& thumbnail = thumbnails[i];

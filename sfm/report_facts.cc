@@ -90,12 +90,12 @@ std::vector<QuantityKind> QuantityKinds(bool metric) {
        }},
       {"drift-rotation", "Turn vs calibration", "°", true,
        [](const CameraPose& pose) -> std::optional<double> {
-         if (!pose.vs_calibration) return std::nullopt;
+         if (!pose.vs_calibration || pose.vs_calibration->swapped_with) return std::nullopt;
          return pose.vs_calibration->rotation_deg;
        }},
       {"drift-position", "Shift vs calibration", "mm", true,
        [](const CameraPose& pose) -> std::optional<double> {
-         if (!pose.vs_calibration) return std::nullopt;
+         if (!pose.vs_calibration || pose.vs_calibration->swapped_with) return std::nullopt;
          return pose.vs_calibration->position_mm;
        }},
       {"focal", "Focal length", "px", false,
@@ -159,6 +159,10 @@ std::string Displacement(const VsCalibration& drift) {
   return Significant(drift.position_mm) + " mm and " + Significant(drift.rotation_deg) + "°";
 }
 
+std::string InPlaceOf(const CameraPose& pose) {
+  return "stands where the calibration has " + *pose.vs_calibration->swapped_with;
+}
+
 std::string ReasonOf(const CameraPose& pose) {
   return pose.reason.empty() ? "no reason given" : pose.reason;
 }
@@ -172,6 +176,9 @@ std::vector<CameraFacts> BuildCameraFacts(const ReportInput& input, const Facts&
     } else if (pose.vs_calibration && pose.vs_calibration->moved) {
       cameras[i].moved = true;
       Raise(cameras[i], Level::kBad, "moved by " + Displacement(*pose.vs_calibration));
+    } else if (pose.vs_calibration && pose.vs_calibration->swapped_with) {
+      cameras[i].swapped = true;
+      Raise(cameras[i], Level::kBad, "swapped: " + InPlaceOf(pose));
     }
     const std::string& status = input.set.frames[i].status;
     if (status != "ok") Raise(cameras[i], Level::kLook, "frame: " + status);
@@ -210,6 +217,12 @@ std::string ShotHeadline(const PoseSet& poses) {
   return text + (poses.metric ? "; scale metric" : "; scale arbitrary");
 }
 
+std::string LookAlikesToldApart(const PoseSummary& summary) {
+  return "Parts of the subject look alike (" + std::to_string(summary.ambiguous_communities) +
+         " segments) and were told apart; log-likelihood against mistaking them " +
+         Significant(*summary.margin) + ".";
+}
+
 Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& cameras) {
   const PoseSummary& summary = poses.summary;
   Verdict verdict{Level::kGood, "Shot good", ShotHeadline(poses), {}};
@@ -221,6 +234,14 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
     say(Level::kBad,
         "The model is folded: look-alike sides of the subject were laid on one another. Do not "
         "use these poses.");
+  }
+  if (summary.verdict == "unsure") {
+    say(Level::kBad,
+        "Unsure: parts of the subject look alike, and nothing in the pictures tells them apart. "
+        "The poses may lay one over the other.");
+  }
+  if (summary.verdict == "sure" && summary.margin) {
+    verdict.details.push_back(LookAlikesToldApart(summary));
   }
   if (std::none_of(poses.cameras.begin(), poses.cameras.end(),
                    [](const CameraPose& pose) { return pose.sigma.has_value(); })) {
@@ -255,6 +276,36 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
   return verdict;
 }
 
+/// "Camera c03 has moved", "Cameras c01 and c07 are swapped", "2 cameras have moved, 3 are
+/// swapped".
+std::string ChangeHeadline(const std::vector<std::string>& moved,
+                           const std::vector<std::string>& swapped) {
+  if (moved.empty() && swapped.size() == 2) {
+    return "Cameras " + swapped[0] + " and " + swapped[1] + " are swapped";
+  }
+  if (moved.empty()) return std::to_string(swapped.size()) + " cameras are swapped";
+  const std::string text = moved.size() == 1 ? "Camera " + moved[0] + " has moved"
+                                             : std::to_string(moved.size()) + " cameras have moved";
+  return swapped.empty() ? text : text + ", " + std::to_string(swapped.size()) + " are swapped";
+}
+
+/// One line a camera that is not in its place, as far as they are listed.
+std::vector<std::string> ChangeDetails(const PoseSet& poses,
+                                       const std::vector<CameraFacts>& cameras) {
+  std::vector<std::string> details;
+  size_t changed = 0;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    if (!cameras[i].moved && !cameras[i].swapped) continue;
+    if (++changed > kNamesListed) continue;
+    const CameraPose& pose = poses.cameras[i];
+    details.push_back(
+        pose.camera + " " +
+        (cameras[i].swapped ? InPlaceOf(pose) : "by " + Displacement(*pose.vs_calibration)) + ".");
+  }
+  if (changed > kNamesListed) details.push_back("The table names all of them.");
+  return details;
+}
+
 Verdict BuildRigVerdict(const PoseSet& poses, const std::vector<CameraFacts>& cameras) {
   const auto checked = NamesWhere(poses, [&](size_t i) {
     return poses.cameras[i].registered && poses.cameras[i].vs_calibration.has_value();
@@ -267,17 +318,11 @@ Verdict BuildRigVerdict(const PoseSet& poses, const std::vector<CameraFacts>& ca
   }
   Verdict verdict{Level::kGood, "Rig in place", "No camera has moved", {}};
   const auto moved = NamesWhere(poses, [&](size_t i) { return cameras[i].moved; });
-  if (!moved.empty()) {
-    verdict.level = Level::kBad;
-    verdict.mark = "Rig changed";
-    verdict.headline = moved.size() == 1 ? "Camera " + moved[0] + " has moved"
-                                         : std::to_string(moved.size()) + " cameras have moved";
-    for (size_t i = 0; i < poses.cameras.size(); ++i) {
-      if (!cameras[i].moved || verdict.details.size() == kNamesListed) continue;
-      verdict.details.push_back(poses.cameras[i].camera + " by " +
-                                Displacement(*poses.cameras[i].vs_calibration) + ".");
-    }
-    if (moved.size() > kNamesListed) verdict.details.push_back("The table names all of them.");
+  const auto swapped = NamesWhere(poses, [&](size_t i) { return cameras[i].swapped; });
+  const bool changed = !moved.empty() || !swapped.empty();
+  if (changed) {
+    verdict = {Level::kBad, "Rig changed", ChangeHeadline(moved, swapped),
+               ChangeDetails(poses, cameras)};
   }
   if (checked.size() < poses.cameras.size()) {
     if (verdict.level == Level::kGood) {
@@ -287,7 +332,7 @@ Verdict BuildRigVerdict(const PoseSet& poses, const std::vector<CameraFacts>& ca
     }
     verdict.details.push_back(std::to_string(checked.size()) + " of " +
                               std::to_string(poses.cameras.size()) + " cameras could be checked.");
-  } else if (moved.empty()) {
+  } else if (!changed) {
     verdict.details.push_back("All " + std::to_string(checked.size()) +
                               " cameras stand where the calibration says.");
   }

@@ -32,6 +32,7 @@ struct Quantity {
 struct CameraFacts {
   Level level = Level::kGood;
   bool moved = false;
+  bool swapped = false;
   std::vector<std::string> notes;  // plain text, why the level is not good
 };
 

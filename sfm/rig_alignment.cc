@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <map>
+#include <string>
 
 #include "sfm/core/alignment.h"
 
@@ -10,6 +13,10 @@ namespace {
 
 constexpr double kMovedSigmas = 6.0;
 constexpr double kSigmaFromMedian = 1.4826;
+/// A camera stands in a place of the calibration when every other place is farther by this factor.
+/// Poses of swapped cameras are worse than others: their lenses are each other's, too (half a per
+/// cent of the focal length is 1 cm at 2 m).
+constexpr double kFartherFactor = 5.0;
 
 double Median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -48,6 +55,66 @@ void MarkMoved(const PoseCovariances& metric_covariances,
   }
 }
 
+/// Root mean square distance of the calibrated centres from their centroid.
+double RigRadius_m(const Calibration& calibration) {
+  const double share = 1.0 / static_cast<double>(calibration.cameras.size());
+  Eigen::Vector3d centroid_m = Eigen::Vector3d::Zero();
+  for (const CalibratedCamera& camera : calibration.cameras) {
+    centroid_m += share * camera.cam_from_rig.OriginInSource();
+  }
+  double mean_square = 0;
+  for (const CalibratedCamera& camera : calibration.cameras) {
+    mean_square += share * (camera.cam_from_rig.OriginInSource() - centroid_m).squaredNorm();
+  }
+  return std::sqrt(mean_square);
+}
+
+/// The camera in whose calibrated place a pose is; empty when that is not clear. A turn counts as
+/// what it moves the line of sight in the middle of the rig.
+std::string PlaceOf(const Rigid3& cam_from_rig, const Calibration& calibration) {
+  const double radius_m = RigRadius_m(calibration);
+  double nearest_m = std::numeric_limits<double>::infinity(), second_m = nearest_m;
+  std::string place;
+  for (const CalibratedCamera& camera : calibration.cameras) {
+    const VsCalibration off = Compare(cam_from_rig, camera.cam_from_rig);
+    const double distance_m =
+        std::hypot(1e-3 * off.position_mm, radius_m * RadFromDeg(off.rotation_deg));
+    second_m = std::min(second_m, std::max(nearest_m, distance_m));
+    if (distance_m < nearest_m) {
+      nearest_m = distance_m;
+      place = camera.camera;
+    }
+  }
+  return kFartherFactor * nearest_m < second_m ? place : "";
+}
+
+/// Whether from place to place one comes back to `camera`, over at least one other.
+bool InRing(const std::map<std::string, std::string>& place_of, const std::string& camera) {
+  std::string next = camera;
+  for (size_t step = 1; step <= place_of.size(); ++step) {
+    const auto found = place_of.find(next);
+    if (found == place_of.end()) return false;
+    next = found->second;
+    if (next == camera) return step > 1;
+  }
+  return false;
+}
+
+void MarkSwapped(const std::vector<std::optional<Rigid3>>& cam_from_rig, const FrameSet& set,
+                 const Calibration& calibration,
+                 std::vector<std::optional<VsCalibration>>& differences) {
+  std::map<std::string, std::string> place_of;  // of the moved cameras
+  for (size_t i = 0; i < differences.size(); ++i) {
+    if (!differences[i] || !differences[i]->moved) continue;
+    place_of[set.frames[i].camera] = PlaceOf(*cam_from_rig[i], calibration);
+  }
+  for (size_t i = 0; i < differences.size(); ++i) {
+    if (!differences[i] || !InRing(place_of, set.frames[i].camera)) continue;
+    differences[i]->moved = false;
+    differences[i]->swapped_with = place_of.at(set.frames[i].camera);
+  }
+}
+
 }  // namespace
 
 Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, const FrameSet& set,
@@ -65,14 +132,15 @@ Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, co
 
   RigAlignment alignment{fit.target_from_source, {}};
   alignment.vs_calibration.resize(set.frames.size());
+  std::vector<std::optional<Rigid3>> cam_from_rig(set.frames.size());
   for (size_t i = 0; i < set.frames.size(); ++i) {
     const CalibratedCamera* camera = calibration.Find(set.frames[i].camera);
     if (!reconstruction.cam_from_model[i] || camera == nullptr) continue;
-    alignment.vs_calibration[i] =
-        Compare(TransformPose(fit.target_from_source, *reconstruction.cam_from_model[i]),
-                camera->cam_from_rig);
+    cam_from_rig[i] = TransformPose(fit.target_from_source, *reconstruction.cam_from_model[i]);
+    alignment.vs_calibration[i] = Compare(*cam_from_rig[i], camera->cam_from_rig);
   }
   MarkMoved(Transformed(covariances, fit.target_from_source), alignment.vs_calibration);
+  MarkSwapped(cam_from_rig, set, calibration, alignment.vs_calibration);
   return alignment;
 }
 

@@ -20,8 +20,9 @@ struct RigAlignment {
 
 /// Sim(3) of the camera centres onto the calibration's, robust so that moved cameras stand out. A
 /// camera has moved when its centre or its rotation is off by more than kMovedSigmas robust
-/// standard deviations of all cameras (and of its own predicted error). kFailed with fewer than
-/// three registered cameras or all of them on one line.
+/// standard deviations of all cameras (and of its own predicted error). Moved cameras that stand in
+/// one another's calibrated places, two or more in a ring, are swapped instead. kFailed with fewer
+/// than three registered cameras or all of them on one line.
 Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, const FrameSet& set,
                                         const Calibration& calibration,
                                         const PoseCovariances& covariances, uint64_t seed);

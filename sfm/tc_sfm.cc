@@ -13,6 +13,8 @@ namespace rotunda::sfm {
 namespace {
 
 constexpr char kStage[] = "disambiguation";
+/// Log-likelihood that decides between two poses of one image: 20 to 1.
+constexpr double kDecidedForImage = 3.0;
 
 /// What is known of the edges while drafts come and go.
 struct State {
@@ -163,7 +165,7 @@ Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
   TcSfmResult& result = state.result;
   const Reconstruction& start = draft.models.front();
   result.two_views = AgreeingMatches(start, state.input.features, state.input.two_views, {});
-  AddOpenPairs(state, start, draft.graph, result.two_views);
+  AddOpenPairs(state, start, NotRefuted(state), result.two_views);
   result.view_graph = BuildViewGraph(state.input.features, result.two_views);
   const Tracks tracks = BuildTracks(state.input.features, result.two_views, result.view_graph);
   const IncrementalInput input = {state.input.features, start.intrinsics, result.two_views,
@@ -174,6 +176,34 @@ Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
     result.models.models.push_back(std::move(draft.models[m]));
   }
   return {};
+}
+
+/// Images of the first model that are more like one that contradicts their pose than like any that
+/// agrees with it, unless what they fail to meet decides for their pose; and those of which it
+/// decides for the alternative.
+std::vector<ImageId> DoubtfulImages(const State& state, const Alternatives& alternatives) {
+  const TcSfmInput& input = state.input;
+  const Reconstruction& model = state.result.models.models.front();
+  std::vector<double> agreeing(input.view_graph.images, 0.0), contradicting = agreeing;
+  for (const ViewGraphEdge& edge : input.view_graph.edges) {
+    if (input.two_views.pairs[edge.two_view].kind == TwoViewKind::kPanoramic) continue;
+    if (!model.Registered(edge.pair.first) || !model.Registered(edge.pair.second)) continue;
+    std::vector<double>& heaviest =
+        HasPair(state.result.two_views, edge.pair) ? agreeing : contradicting;
+    for (const ImageId image : {edge.pair.first, edge.pair.second}) {
+      heaviest[image.index()] = std::max(heaviest[image.index()], edge.weight);
+    }
+  }
+  for (const AlternativePose& pose : alternatives.poses) {
+    double& doubt = contradicting[pose.image.index()];
+    if (pose.evidence_against >= kDecidedForImage) doubt = 0;
+    if (pose.evidence_against <= -kDecidedForImage) doubt = std::numeric_limits<double>::infinity();
+  }
+  std::vector<ImageId> doubtful;
+  for (size_t i = 0; i < agreeing.size(); ++i) {
+    if (contradicting[i] > agreeing[i]) doubtful.push_back(ImageId(i));
+  }
+  return doubtful;
 }
 
 /// The test of the drafts on the finished model.
@@ -191,9 +221,12 @@ Status Check(State& state) {
   result.alternatives = alternatives.poses.size();
   result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
                                                : alternatives.evidence_against;
-  result.verdict = groups.gain > 0                                ? Verdict::kFolded
-                   : result.evidence < state.options.min_evidence ? Verdict::kUnsure
-                                                                  : Verdict::kSure;
+  result.doubtful = DoubtfulImages(state, alternatives);
+  const bool told_apart = result.evidence >= state.options.min_evidence &&
+                          result.doubtful.empty() && result.models.models.size() == 1;
+  result.verdict = groups.gain > 0 ? Verdict::kFolded
+                   : told_apart    ? Verdict::kSure
+                                   : Verdict::kUnsure;
   return {};
 }
 
@@ -228,6 +261,10 @@ Status TcSfmOptions::Validate() const {
     return Error{ErrorCode::kInvalidArgument,
                  std::to_string(max_unfoldings) + " is out of range, expected >= 0",
                  "max_unfoldings"};
+  }
+  if (!(min_evidence >= 0)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(min_evidence) + " is out of range, expected >= 0", "min_evidence"};
   }
   if (!(min_gain > 0)) {
     return Error{ErrorCode::kInvalidArgument,

@@ -42,7 +42,7 @@ struct TcSfmInput {
 
 enum class Verdict {
   kSure,    // nothing contradicts the poses, and what looks alike was told apart by evidence
-  kUnsure,  // look-alike structure that the evidence does not suffice to tell apart
+  kUnsure,  // what looks alike is not told apart, images are doubtful, or the model is in pieces
   kFolded,  // the poses lay different things over each other
 };
 const char* VerdictName(Verdict verdict);  // "sure", "unsure", "folded"
@@ -61,6 +61,8 @@ struct TcSfmResult {
   double gain = 0;            // by which the drafts were found to be folded, least of them
   double remaining_gain = 0;  // of the result: near 0 when it is not folded
   std::vector<double> certainty;  // by ImageId: of its group, where a draft was folded
+  /// Images whose heaviest edge of all contradicts their pose: they may be on the wrong side.
+  std::vector<ImageId> doubtful;
   std::vector<std::string> notes;
 };
 

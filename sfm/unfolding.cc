@@ -10,12 +10,6 @@
 namespace rotunda::sfm {
 namespace {
 
-/// Share of what is expected that an image meets of things it sees, and of things it does not
-/// (chance matches); measured 0.70 to 0.83 and 0.00 to 0.10 on rendered captures.
-constexpr double kMetWithin = 0.7;
-constexpr double kMetAcross = 0.04;
-/// A region tells groups apart when across groups it is met at most this often as within.
-constexpr double kTellingRatio = 0.25;
 constexpr double kMinCount = 6;
 /// Starts: regions of which at least this share of the pairs meets almost nothing.
 constexpr std::array<double, 5> kStartShares = {0.1, 0.2, 0.3, 0.4, 0.55};
@@ -23,25 +17,36 @@ constexpr uint32_t kMinPairCount = 4;
 constexpr double kAlmostNothing = 0.12;
 constexpr int kMaxRounds = 6;
 constexpr int kMaxMoves = 20;
-/// Weight of the view graph beside a log-likelihood: it decides where nothing else does.
-constexpr double kTieWeight = 1e-3;
+/// Log-likelihood that the heaviest edge of both its images joins what belongs together; that of
+/// lighter ones falls with this power of their share of the weight.
+constexpr double kPriorOfHeaviest = 5.0;
+constexpr double kPriorPower = 4.0;
 
 /// Symmetric, by image: log-likelihood that two images belong together.
 using Affinity = std::vector<std::vector<double>>;
 
-Affinity TieBreaks(const Covisibility& covisibility, const ViewGraph& graph) {
+/// What the view graph alone says: an image belongs with those it is most like. Decides where the
+/// regions tell little; crossed edges are rarely the heaviest of both their images.
+Affinity PriorAffinity(const Covisibility& covisibility, const ViewGraph& graph) {
+  std::vector<double> heaviest(covisibility.images, 0.0);
+  for (const ViewGraphEdge& edge : graph.edges) {
+    for (const ImageId image : {edge.pair.first, edge.pair.second}) {
+      heaviest[image.index()] = std::max(heaviest[image.index()], edge.weight);
+    }
+  }
   Affinity affinity(covisibility.images, std::vector<double>(covisibility.images, 0.0));
   for (const ViewGraphEdge& edge : graph.edges) {
     const size_t i = edge.pair.first.index(), j = edge.pair.second.index();
-    affinity[i][j] = affinity[j][i] = kTieWeight * edge.weight;
+    const double share = edge.weight / std::max(heaviest[i], heaviest[j]);
+    affinity[i][j] = affinity[j][i] = kPriorOfHeaviest * std::pow(share, kPriorPower);
   }
   return affinity;
 }
 
 void AddEvidence(const Covisibility& covisibility, const std::vector<bool>& telling,
                  Affinity& affinity) {
-  const double met = std::log(kMetWithin / kMetAcross);
-  const double missed = std::log((1 - kMetWithin) / (1 - kMetAcross));
+  const double met = std::log(kMetShare / kMetByChance);
+  const double missed = std::log((1 - kMetShare) / (1 - kMetByChance));
   for (size_t r = 0; r < covisibility.regions.size(); ++r) {
     if (!telling[r]) continue;
     const RegionCovisibility& region = covisibility.regions[r];
@@ -160,7 +165,7 @@ Reading Read(const Covisibility& covisibility, const std::vector<int>& group) {
       tally.met += region.independence * count.met;
     }
     if (within.expected < kMinCount || across.expected < kMinCount) continue;
-    if (across.Rate() > kTellingRatio * within.Rate()) continue;
+    if (across.Rate() > kMissedRatio * within.Rate()) continue;
     const Tally all{within.expected + across.expected, within.met + across.met};
     reading.telling[r] = true;
     reading.gain += within.LogLikelihood() + across.LogLikelihood() - all.LogLikelihood();
@@ -229,13 +234,13 @@ LookAlikeGroups OneGroup(const std::vector<int>& singles) {
   return one;
 }
 
-LookAlikeGroups Describe(const Covisibility& covisibility, const Affinity& ties,
+LookAlikeGroups Describe(const Covisibility& covisibility, const Affinity& prior,
                          std::vector<int> group, const Reading& reading) {
   LookAlikeGroups groups;
   groups.gain = reading.gain;
   groups.telling_regions =
       static_cast<size_t>(std::count(reading.telling.begin(), reading.telling.end(), true));
-  Affinity affinity = ties;
+  Affinity affinity = prior;
   AddEvidence(covisibility, reading.telling, affinity);
   groups.certainty = Certainties(affinity, group);
   groups.count = Renumber(group);
@@ -246,7 +251,7 @@ LookAlikeGroups Describe(const Covisibility& covisibility, const Affinity& ties,
 }  // namespace
 
 LookAlikeGroups FindLookAlikeGroups(const Covisibility& covisibility, const ViewGraph& graph) {
-  const Affinity ties = TieBreaks(covisibility, graph);
+  const Affinity prior = PriorAffinity(covisibility, graph);
   std::vector<int> singles(covisibility.images, kNoGroup);
   for (const ViewGraphEdge& edge : graph.edges) {
     for (const ImageId image : {edge.pair.first, edge.pair.second}) {
@@ -257,11 +262,11 @@ LookAlikeGroups FindLookAlikeGroups(const Covisibility& covisibility, const View
   for (const double share : kStartShares) {
     std::vector<bool> telling = StartingRegions(covisibility, share);
     for (int round = 0; round < kMaxRounds; ++round) {
-      Affinity affinity = ties;
+      Affinity affinity = prior;
       AddEvidence(covisibility, telling, affinity);
       std::vector<int> group = Cluster(affinity, singles);
       Reading reading = Read(covisibility, group);
-      if (reading.gain > best.gain) best = Describe(covisibility, ties, group, reading);
+      if (reading.gain > best.gain) best = Describe(covisibility, prior, group, reading);
       if (reading.telling == telling) break;
       telling = std::move(reading.telling);
     }

@@ -113,6 +113,9 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
     } else if (pose.vs_calibration && pose.vs_calibration->moved) {
       std::printf("  moved since the calibration: %s by %.2f mm, %.3f deg\n", pose.camera.c_str(),
                   pose.vs_calibration->position_mm, pose.vs_calibration->rotation_deg);
+    } else if (pose.vs_calibration && pose.vs_calibration->swapped_with) {
+      std::printf("  swapped since the calibration: %s stands where %s was\n", pose.camera.c_str(),
+                  pose.vs_calibration->swapped_with->c_str());
     }
   }
   for (const std::string& note : result.notes) std::printf("  note: %s\n", note.c_str());

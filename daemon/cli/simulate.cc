@@ -94,6 +94,11 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       command, "--relief", options.relief,
       "natural (default), or symmetric = the back of the garment has the front's shape",
       {{"natural", sim::Relief::kNatural}, {"symmetric", sim::Relief::kSymmetric}});
+  AddChoice<sim::Cover>(
+      command, "--cover", options.cover,
+      "none (default), or head-and-shoes = face and shoes in plain colours, so that only hair and "
+      "hands tell the back of a twin garment from the front",
+      {{"none", sim::Cover::kNone}, {"head-and-shoes", sim::Cover::kHeadAndShoes}});
   AddChoice<sim::Background>(
       command, "--background", options.background,
       "studio (default: floor marks, poles, curtain) or plain",

@@ -31,6 +31,10 @@ Part BodyLayout::PartAt(const Eigen::Vector3f& p) const {
   return on_limb && to_torso > 1.05f ? arm : Part::kTorso;
 }
 
+bool BodyLayout::OnHead(const Eigen::Vector3f& p) const {
+  return neck_z_m - neck_slope * p.x() - p.z() < 0.0f;
+}
+
 float BodyLayout::GarmentInside_m(const Eigen::Vector3f& p) const {
   const float neck = neck_z_m - neck_slope * p.x() - p.z();
   const float ankle = p.z() - ankle_z_m;

@@ -29,8 +29,11 @@ const std::array<Vector3f, 4> kIrises = {
 
 class BodyPaint : public Paint {
  public:
-  BodyPaint(const BodyShape& shape, Garment garment, uint64_t seed)
-      : shape_(shape), garment_(std::move(garment)), noise_(static_cast<uint32_t>(Hash64(seed))) {
+  BodyPaint(const BodyShape& shape, Garment garment, Cover cover, uint64_t seed)
+      : shape_(shape),
+        garment_(std::move(garment)),
+        covered_(cover == Cover::kHeadAndShoes),
+        noise_(static_cast<uint32_t>(Hash64(seed))) {
     Random random(seed);
     skin_ = kSkins[random.Index(4)] * static_cast<float>(random.Uniform(0.9, 1.1));
     hair_ = kHairs[random.Index(5)] * static_cast<float>(random.Uniform(0.85, 1.2));
@@ -46,8 +49,10 @@ class BodyPaint : public Paint {
       case Kind::kHair:
         return Hair(shape_.head().FromRig(point.position));
       case Kind::kShoe:
+        if (covered_) return kPlainShoeAlbedo;
         return Shoe(point.position / shape_.head().scale);
       case Kind::kHead:
+        if (covered_) return kHoodAlbedo;
         return Face(shape_.head().FromRig(point.position));
       case Kind::kSkin:
         break;
@@ -60,7 +65,9 @@ class BodyPaint : public Paint {
       case Kind::kGarment:
         return 0.0f;
       case Kind::kShoe:
-        return 0.03f;
+        return covered_ ? 0.0f : 0.03f;
+      case Kind::kHead:
+        return covered_ ? 0.0f : 0.02f;
       default:
         return 0.02f;
     }
@@ -196,6 +203,7 @@ class BodyPaint : public Paint {
 
   BodyShape shape_;
   Garment garment_;
+  bool covered_;
   uint32_t noise_;
   Vector3f skin_, hair_, shoe_, iris_;
   float freckles_ = 0;
@@ -203,8 +211,9 @@ class BodyPaint : public Paint {
 
 }  // namespace
 
-std::unique_ptr<Paint> MakeBodyPaint(const BodyShape& shape, Garment garment, uint64_t seed) {
-  return std::make_unique<BodyPaint>(shape, std::move(garment), seed);
+std::unique_ptr<Paint> MakeBodyPaint(const BodyShape& shape, Garment garment, Cover cover,
+                                     uint64_t seed) {
+  return std::make_unique<BodyPaint>(shape, std::move(garment), cover, seed);
 }
 
 }  // namespace rotunda::sim

@@ -43,6 +43,9 @@ struct BodyLayout {
   /// Signed distance along the surface to the garment's nearest edge, about metres, positive on
   /// the garment.
   float GarmentInside_m(const Eigen::Vector3f& p) const;
+  /// Whether a point is beyond the garment's edge on the neck, or below those on the legs.
+  bool OnHead(const Eigen::Vector3f& p) const;
+  bool OnFoot(const Eigen::Vector3f& p) const { return p.z() < ankle_z_m; }
 };
 
 /// Coordinates of a point along and across a part's axis: s from the start, e across (towards +y

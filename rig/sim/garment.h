@@ -12,6 +12,12 @@ namespace rotunda::sim {
 
 enum class GarmentTexture { kUnique, kTwin, kPlaid, kOwn };
 
+/// What is worn besides the garment. kHeadAndShoes: a hood over face and neck and shoes, each of
+/// one colour, so that only hair and hands differ between front and back.
+enum class Cover { kNone, kHeadAndShoes };
+inline const Eigen::Vector3f kHoodAlbedo(0.16f, 0.16f, 0.18f);
+inline const Eigen::Vector3f kPlainShoeAlbedo(0.08f, 0.08f, 0.09f);
+
 /// Size of a panel of cloth, metres, and its resolution.
 inline constexpr float kPanelWidth_m = 1.7f;
 inline constexpr float kPanelHeight_m = 2.0f;

@@ -178,8 +178,10 @@ Result<Texture> TextureOf(const aiMaterial& material, const std::filesystem::pat
 
 class ObjPaint : public Paint {
  public:
-  ObjPaint(ObjBody body, std::unique_ptr<Garment> garment)
-      : body_(std::move(body)), garment_(std::move(garment)) {
+  ObjPaint(ObjBody body, std::unique_ptr<Garment> garment, Cover cover)
+      : body_(std::move(body)),
+        garment_(std::move(garment)),
+        covered_(cover == Cover::kHeadAndShoes) {
     // A texel's size on the body, from areas in space and in the texture.
     double area_m2 = 0, area_uv = 0;
     const Mesh& mesh = body_.mesh;
@@ -195,9 +197,12 @@ class ObjPaint : public Paint {
   }
 
   Vector3f Albedo(const SurfacePoint& point) const override {
-    const bool covered = garment_ && !body_.is_hair[point.material] &&
-                         body_.layout.GarmentInside_m(point.position) > 0;
-    if (covered) return garment_->Albedo(point);
+    if (!body_.is_hair[point.material]) {
+      const BodyLayout& layout = body_.layout;
+      if (garment_ && layout.GarmentInside_m(point.position) > 0) return garment_->Albedo(point);
+      if (covered_ && layout.OnHead(point.position)) return kHoodAlbedo;
+      if (covered_ && layout.OnFoot(point.position)) return kPlainShoeAlbedo;
+    }
     const Texture& texture = body_.textures[point.material];
     const float width = static_cast<float>(texture.width());
     return texture.Sample(point.uv.x() * width,
@@ -208,6 +213,7 @@ class ObjPaint : public Paint {
  private:
   ObjBody body_;
   std::unique_ptr<Garment> garment_;
+  bool covered_;
   float uv_per_m_ = 1;
 };
 
@@ -276,8 +282,8 @@ Status MirrorFrontOntoBack(const BodyLayout& layout, Mesh* mesh) {
   return {};
 }
 
-std::unique_ptr<Paint> MakeObjPaint(ObjBody body, std::unique_ptr<Garment> garment) {
-  return std::make_unique<ObjPaint>(std::move(body), std::move(garment));
+std::unique_ptr<Paint> MakeObjPaint(ObjBody body, std::unique_ptr<Garment> garment, Cover cover) {
+  return std::make_unique<ObjPaint>(std::move(body), std::move(garment), cover);
 }
 
 }  // namespace rotunda::sim

@@ -30,7 +30,8 @@ Result<ObjBody> ReadObjBody(const std::filesystem::path& file, float height_m);
 /// as RayScene::Build.
 Status MirrorFrontOntoBack(const BodyLayout& layout, Mesh* mesh);
 
-/// The body's own colours; `garment` covers all but head, hands and feet when it is there.
-std::unique_ptr<Paint> MakeObjPaint(ObjBody body, std::unique_ptr<Garment> garment);
+/// The body's own colours; `garment` covers all but head, hands and feet when it is there. `cover`
+/// leaves hair as it is if it has a material of its own.
+std::unique_ptr<Paint> MakeObjPaint(ObjBody body, std::unique_ptr<Garment> garment, Cover cover);
 
 }  // namespace rotunda::sim

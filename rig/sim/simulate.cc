@@ -83,7 +83,8 @@ WorldObject MakeProceduralBody(const SimulateOptions& options, RunContext& conte
   WorldObject object;
   object.mesh = MakeBodyMesh(shape, kBodyVoxel_m, context.threads);
   Garment garment(options.texture, DeriveSeed(options.seed, kGarmentSeed), shape.layout());
-  object.paint = MakeBodyPaint(shape, std::move(garment), DeriveSeed(options.seed, kSkinSeed));
+  object.paint =
+      MakeBodyPaint(shape, std::move(garment), options.cover, DeriveSeed(options.seed, kSkinSeed));
   return object;
 }
 
@@ -100,7 +101,7 @@ Result<WorldObject> MakeObjBody(const SimulateOptions& options) {
   }
   WorldObject object;
   object.mesh = body.mesh;
-  object.paint = MakeObjPaint(std::move(body), std::move(garment));
+  object.paint = MakeObjPaint(std::move(body), std::move(garment), options.cover);
   return object;
 }
 

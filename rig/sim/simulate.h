@@ -26,6 +26,7 @@ struct SimulateOptions {
   std::string body = "procedural";  // or the path of an .obj
   GarmentTexture texture = GarmentTexture::kUnique;
   Relief relief = Relief::kNatural;
+  Cover cover = Cover::kNone;
   Background background = Background::kStudio;
   double height_m = 1.75;  // of the body
   uint64_t seed = 0;

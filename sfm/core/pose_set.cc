@@ -19,6 +19,7 @@ Json VsCalibrationJson(const VsCalibration& vs) {
   object["rotation_deg"] = vs.rotation_deg;
   object["position_mm"] = vs.position_mm;
   object["moved"] = vs.moved;
+  if (vs.swapped_with) object["swapped_with"] = *vs.swapped_with;
   return object;
 }
 
@@ -60,6 +61,10 @@ VsCalibration ReadVsCalibration(const JsonField& object) {
   vs.rotation_deg = object["rotation_deg"].Number();
   vs.position_mm = object["position_mm"].Number();
   vs.moved = object["moved"].Bool();
+  const JsonField swapped_with = object["swapped_with"];
+  if (!swapped_with.present()) return vs;
+  vs.swapped_with = swapped_with.String();
+  if (vs.swapped_with->empty()) swapped_with.Refuse("a camera's name");
   return vs;
 }
 

@@ -18,6 +18,9 @@ struct VsCalibration {
   double rotation_deg = 0.0;
   double position_mm = 0.0;
   bool moved = false;
+  /// The camera whose place in the calibration this one has, when cameras have changed places; such
+  /// a camera is not `moved`.
+  std::optional<std::string> swapped_with = std::nullopt;
 };
 
 /// One camera of a reconstruction.
@@ -53,7 +56,8 @@ struct PoseSummary {
   double mean_reprojection_px = 0.0;
   size_t points = 0;
   size_t models = 1;  // > 1: pieces that could not be joined; the largest is given
-  std::optional<double> mean_rotation_deg;  // against the calibration, when there is one
+  /// Against the calibration, when there is one; without swapped cameras.
+  std::optional<double> mean_rotation_deg;
   std::optional<double> mean_position_mm;
   size_t ambiguous_communities = 0;
   std::optional<bool> folded;  // absent: nothing was at hand to tell

@@ -62,6 +62,13 @@ Capture Simulated(const std::string& body, const Garment& garment, uint64_t seed
   return capture;
 }
 
+/// Without face and shoes, which tell front from back in every other capture.
+Capture Covered(Capture capture) {
+  capture.name += "-covered";
+  capture.simulate.insert(capture.simulate.end(), {"--cover", "head-and-shoes"});
+  return capture;
+}
+
 Capture MadeFrom(const Capture& base, Change change, const std::string& suffix) {
   Capture capture;
   capture.name = base.name + "-" + suffix;
@@ -120,6 +127,7 @@ std::vector<Capture> StressCaptures(const CaptureSize& size) {
     captures.push_back(MadeFrom(base, Change::kMissing, "missing"));
     captures.push_back(MadeFrom(base, Change::kMoved, "moved"));
     captures.push_back(MadeFrom(base, Change::kSwapped, "swapped"));
+    captures.push_back(Covered(base));
   }
   return captures;
 }

@@ -36,7 +36,7 @@ struct CaptureSize {
 std::vector<Capture> MeanCaptures(const CaptureSize& size);
 /// Four of them with pictures of the rig's full size.
 std::vector<Capture> FullSizeCaptures(const CaptureSize& size);
-/// Captures of the mean set with something wrong.
+/// Captures of the mean set with something wrong, or with less to tell front from back by.
 std::vector<Capture> StressCaptures(const CaptureSize& size);
 /// The captures of the mean set on which every part of the method is tried alone.
 std::vector<Capture> AblationCaptures(const CaptureSize& size);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "sfm/covariance.h"
 #include "sfm/model_builder.h"
@@ -294,6 +295,114 @@ TEST_F(IncrementalTest, RefinesLensesThatStartWrong) {
   EXPECT_NEAR(model.intrinsics.lenses[0].params[0], truth[0], 4 * *covariances->focal_sigma_px[0]);
   EXPECT_LT(*covariances->focal_sigma_px[0], 5.0);
   EXPECT_LT(ErrorsOf(model, world.cam_from_world).max_rotation_rad, RadFromDeg(0.3));
+}
+
+TEST_F(IncrementalTest, ADraftIsNearTheTruthButNotAdjustedToTheEnd) {
+  const SyntheticWorld world = MakeSyntheticWorld({});
+  const auto finished = Build(world, {});
+  IncrementalOptions options;
+  options.draft = true;
+  const auto draft = Build(world, options);
+  ASSERT_TRUE(finished && draft);
+  ASSERT_EQ(draft->models.size(), 1u);
+  EXPECT_TRUE(draft->unregistered.empty());
+  const Reconstruction &rough = draft->models[0], &fine = finished->models[0];
+  // Good enough to judge matches by: 0.1 degrees are 3 px.
+  EXPECT_LT(ErrorsOf(rough, world.cam_from_world).max_rotation_rad, RadFromDeg(0.3));
+  const ReprojectionSummary rough_residuals = SummarizeReprojection(rough, world.features);
+  const ReprojectionSummary fine_residuals = SummarizeReprojection(fine, world.features);
+  EXPECT_GT(rough_residuals.rms_px, fine_residuals.rms_px);
+  // All tracks are triangulated all the same.
+  EXPECT_GT(static_cast<double>(rough_residuals.observations),
+            0.99 * static_cast<double>(fine_residuals.observations));
+}
+
+/// A draft from the images that `in_start` is true for: the others are taken out.
+Reconstruction StartWith(const Reconstruction& draft,
+                         const std::function<bool(ImageId)>& in_start) {
+  Reconstruction start = draft;
+  for (size_t i = 0; i < start.cam_from_model.size(); ++i) {
+    if (!in_start(ImageId(i))) start.cam_from_model[i].reset();
+  }
+  for (Point3& point : start.points) {
+    std::erase_if(point.observations,
+                  [&](const Observation& o) { return !start.Registered(o.image); });
+  }
+  std::erase_if(start.points, [](const Point3& p) { return p.observations.size() < 2; });
+  return start;
+}
+
+TEST_F(IncrementalTest, ExtendingADraftIsAsGoodAsBuildingAtOnce) {
+  const SyntheticWorld world = MakeSyntheticWorld({});
+  const auto at_once = Build(world, {});
+  IncrementalOptions draft_options;
+  draft_options.draft = true;
+  const auto draft = Build(world, draft_options);
+  ASSERT_TRUE(at_once && draft);
+  // Of the whole, of two thirds of the ring, and of the whole a little out of place.
+  const Reconstruction whole = draft->models[0];
+  const Reconstruction part = StartWith(whole, [](ImageId image) { return image.index() < 16; });
+  Reconstruction shaken = whole;
+  test::NormalRandom random(5);
+  for (auto& pose : shaken.cam_from_model) {
+    const Eigen::Vector3d turn(random.Normal(), random.Normal(), random.Normal());
+    pose->rotation = Eigen::AngleAxisd(RadFromDeg(0.1), turn.normalized()) * pose->rotation;
+  }
+  const test::PoseErrors expected = ErrorsOf(at_once->models[0], world.cam_from_world);
+  for (const Reconstruction& start : {whole, part, shaken}) {
+    const auto extended = ExtendReconstruction(world.Input(), start, {}, context_);
+    ASSERT_TRUE(extended) << extended.error().ToString();
+    ASSERT_EQ(extended->models.size(), 1u);
+    EXPECT_TRUE(extended->unregistered.empty());
+    EXPECT_EQ(NotNear(extended->models[0], world.cam_from_world, 1.2 * expected.max_rotation_rad,
+                      1.2 * expected.max_position),
+              "");
+  }
+}
+
+TEST_F(IncrementalTest, ExtendingKeepsOutWhatDoesNotFitAndSaysWhy) {
+  SyntheticWorld world = MakeSyntheticWorld({});
+  IncrementalOptions draft_options;
+  draft_options.draft = true;
+  const auto draft = Build(world, draft_options);
+  ASSERT_TRUE(draft);
+  const ImageId wrong(4), alone(9);
+  const Reconstruction start =
+      StartWith(draft->models[0], [&](ImageId image) { return image != wrong && image != alone; });
+  test::NormalRandom random(9);
+  for (Keypoint& keypoint : world.features.images[wrong.index()].keypoints) {
+    keypoint.x_px = static_cast<float>(1200 * random.Uniform());
+    keypoint.y_px = static_cast<float>(1600 * random.Uniform());
+  }
+  Disconnect(world, {alone});
+  const auto extended = ExtendReconstruction(world.Input(), start, {}, context_);
+  ASSERT_TRUE(extended) << extended.error().ToString();
+  ASSERT_EQ(extended->unregistered.size(), 2u);
+  EXPECT_EQ(extended->unregistered[0].image, wrong);
+  EXPECT_NE(extended->unregistered[0].reason.find("its best pose fits"), std::string::npos)
+      << extended->unregistered[0].reason;
+  EXPECT_EQ(extended->unregistered[1].image, alone);
+  EXPECT_EQ(extended->unregistered[1].reason, "matches no other picture");
+  EXPECT_FALSE(extended->models[0].Registered(wrong));
+  EXPECT_LT(ErrorsOf(extended->models[0], world.cam_from_world).max_rotation_rad, RadFromDeg(0.3));
+}
+
+TEST_F(IncrementalTest, ExtendingFailsWhenTooFewImagesAreLeft) {
+  SyntheticWorld world = MakeSyntheticWorld({});
+  const auto built = Build(world, {});
+  ASSERT_TRUE(built);
+  world.two_views.pairs.clear();
+  Disconnect(world, {});
+  const auto extended = ExtendReconstruction(world.Input(), built->models[0], {}, context_);
+  ASSERT_FALSE(extended);
+  EXPECT_EQ(extended.error().code, ErrorCode::kFailed);
+  std::stop_source stop;
+  stop.request_stop();
+  RunContext stopped{threads_, stop.get_token()};
+  const SyntheticWorld whole = MakeSyntheticWorld({});
+  const auto cancelled = ExtendReconstruction(whole.Input(), built->models[0], {}, stopped);
+  ASSERT_FALSE(cancelled);
+  EXPECT_EQ(cancelled.error().code, ErrorCode::kCancelled);
 }
 
 TEST_F(IncrementalTest, GivesTheSameBytesOnAnyNumberOfThreads) {

@@ -308,6 +308,23 @@ TEST_F(ReportTest, SaysWhichCameraHasMoved) {
   EXPECT_EQ(report::BuildFacts(Input()).shot.level, report::Level::kGood);
 }
 
+TEST_F(ReportTest, SaysWhichCamerasAreSwapped) {
+  poses_.cameras[1].vs_calibration = VsCalibration{120, 2900, false, "c04"};
+  poses_.cameras[4].vs_calibration = VsCalibration{120, 2900, false, "c01"};
+  const std::string html = Build();
+  EXPECT_NE(html.find("Cameras c01 and c04 are swapped"), std::string::npos);
+  EXPECT_NE(html.find("c01 stands where the calibration has c04."), std::string::npos);
+  EXPECT_NE(Row(html, 4).find("swapped: stands where the calibration has c01"), std::string::npos);
+  EXPECT_NE(Row(html, 4).find("class=\"bad\""), std::string::npos);
+  const report::Facts facts = report::BuildFacts(Input());
+  EXPECT_EQ(facts.rig.level, report::Level::kBad);
+  EXPECT_EQ(facts.shot.level, report::Level::kGood);
+  EXPECT_EQ(facts.Find("drift-position")->max, 0.4) << "of the cameras that are not swapped";
+
+  poses_.cameras[3].vs_calibration = VsCalibration{0.61, 63.2, true};
+  EXPECT_EQ(report::BuildFacts(Input()).rig.headline, "Camera c03 has moved, 2 are swapped");
+}
+
 TEST_F(ReportTest, VerdictFollowsTheWorstFinding) {
   using report::Level;
   EXPECT_EQ(report::BuildFacts(Input()).shot.level, Level::kGood);

@@ -3,7 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
+#include <optional>
 #include <random>
+#include <string>
+#include <utility>
+#include <vector>
 
 namespace rotunda::sfm {
 namespace {
@@ -95,6 +100,83 @@ TEST(RigAlignment, NamesMovedCamerasAndNoOther) {
   }
   EXPECT_NEAR(aligned->vs_calibration[4]->position_mm, 20.0, 5e3 * kNoise_m);
   EXPECT_NEAR(aligned->vs_calibration[9]->rotation_deg, 0.5, DegFromRad(5 * kNoise_rad) + 0.02);
+}
+
+/// As when the calibration knows cameras under each other's names: entry i is that of `from`. Their
+/// lenses, too, are each other's, which shifts the poses found (1 cm, 0.3 deg).
+void TakeEntries(Problem& problem, const std::vector<std::pair<size_t, size_t>>& from) {
+  const Calibration before = problem.calibration;
+  for (const auto& [i, other] : from) {
+    problem.calibration.cameras[i].cam_from_rig = before.cameras[other].cam_from_rig;
+    Rigid3& pose = *problem.reconstruction.cam_from_model[i];
+    pose.translation += Eigen::Vector3d(0, 0, 0.010 * kModelFromRig.scale);
+    const Rigid3 turn = {
+        Eigen::Quaterniond(Eigen::AngleAxisd(RadFromDeg(0.3), Eigen::Vector3d::UnitX())),
+        Eigen::Vector3d::Zero()};
+    pose = turn * pose;
+  }
+}
+
+struct Finding {
+  bool moved = false;
+  std::optional<std::string> swapped_with;
+  bool operator==(const Finding&) const = default;
+};
+
+/// Checks that these cameras are found as they should be and all others in place.
+void ExpectFindings(const Problem& problem, const std::map<size_t, Finding>& expected) {
+  const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
+                                          problem.covariances, kSeed);
+  ASSERT_TRUE(aligned.ok()) << aligned.error().ToString();
+  for (size_t i = 0; i < kCameras; ++i) {
+    if (!problem.reconstruction.cam_from_model[i]) continue;
+    const VsCalibration& found = *aligned->vs_calibration[i];
+    const auto wanted = expected.find(i);
+    EXPECT_EQ((Finding{found.moved, found.swapped_with}),
+              wanted == expected.end() ? Finding{} : wanted->second)
+        << "camera " << i << ": moved " << found.moved << ", swapped with "
+        << found.swapped_with.value_or("none");
+  }
+}
+
+void Shift(Problem& problem, size_t i) {
+  problem.reconstruction.cam_from_model[i]->translation.x() += 0.020 * kModelFromRig.scale;
+}
+
+TEST(RigAlignment, NamesTwoSwappedCameras) {
+  // Neighbours on the ring, and opposite ones.
+  for (const auto& [a, b] : {std::pair<size_t, size_t>{4, 5}, {3, 18}}) {
+    Problem problem = MakeProblem();
+    TakeEntries(problem, {{a, b}, {b, a}});
+    const std::string name_a = problem.set.frames[a].camera, name_b = problem.set.frames[b].camera;
+    ExpectFindings(problem, {{a, {false, name_b}}, {b, {false, name_a}}});
+  }
+}
+
+TEST(RigAlignment, ARingOfThreeNamesWhosePlaceEachHas) {
+  Problem problem = MakeProblem();
+  TakeEntries(problem, {{4, 11}, {11, 20}, {20, 4}});
+  // Camera 11's entry is where 20 was calibrated: the place where 4 stands is now called 20.
+  ExpectFindings(problem, {{4, {false, "c120"}}, {11, {false, "c104"}}, {20, {false, "c111"}}});
+}
+
+TEST(RigAlignment, AMovedCameraBesideSwappedOnesStaysMoved) {
+  Problem problem = MakeProblem();
+  TakeEntries(problem, {{4, 15}, {15, 4}});
+  Shift(problem, 9);
+  ExpectFindings(problem, {{4, {false, "c115"}}, {15, {false, "c104"}}, {9, {true, {}}}});
+}
+
+TEST(RigAlignment, WithoutTheOtherACameraIsMovedAndNotSwapped) {
+  Problem problem = MakeProblem();
+  TakeEntries(problem, {{4, 15}, {15, 4}});
+  problem.reconstruction.cam_from_model[15].reset();
+  ExpectFindings(problem, {{4, {true, {}}}});
+  // Nor are two in one place that is neither's.
+  problem = MakeProblem();
+  problem.reconstruction.cam_from_model[4] = problem.reconstruction.cam_from_model[20];
+  problem.reconstruction.cam_from_model[15] = problem.reconstruction.cam_from_model[20];
+  ExpectFindings(problem, {{4, {true, {}}}, {15, {true, {}}}});
 }
 
 TEST(RigAlignment, CovariancesScaleAndTurnWithTheFrame) {

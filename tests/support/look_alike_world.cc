@@ -87,6 +87,15 @@ double MedianAngle_rad(const SyntheticWorld& world, const sfm::TwoView& pair, bo
   return angles[angles.size() / 2];
 }
 
+/// Angle under which the body sees the two cameras, the second one after half a turn if `crossed`.
+double ViewAngle_deg(const SyntheticWorld& world, const ImagePair& images, bool crossed) {
+  const Eigen::Vector3d middle(0, 0, 0.5 * (kPrintBottom_m + kPrintTop_m));
+  const Eigen::Vector3d a = world.cam_from_world[images.first.index()].OriginInSource() - middle;
+  Eigen::Vector3d b = world.cam_from_world[images.second.index()].OriginInSource() - middle;
+  if (crossed) b = kHalfTurn * b;
+  return DegFromRad(std::atan2(a.cross(b).norm(), a.dot(b)));
+}
+
 void MatchPair(const LookAlikeOptions& options, ImagePair images, NormalRandom& random,
                LookAlikeWorld& result) {
   SyntheticWorld& world = result.world;
@@ -95,12 +104,19 @@ void MatchPair(const LookAlikeOptions& options, ImagePair images, NormalRandom& 
   for (size_t k = 0; k < world.point_of_keypoint[images.second.index()].size(); ++k) {
     of_second[world.point_of_keypoint[images.second.index()][k]] = KeypointId(k);
   }
+  const auto share = [&](bool crossed) {
+    const double angle = ViewAngle_deg(world, images, crossed) / options.match_range_deg;
+    return (crossed ? options.crossed_share : 1.0) * std::exp(-0.5 * angle * angle);
+  };
+  const double straight_share = share(false), crossed_share = share(true);
   std::vector<sfm::Match> straight, crossing;
   for (size_t k = 0; k < of_first.size(); ++k) {
     const size_t other = LookAlike(of_first[k], options.print_points);
     if (const auto same = of_second.find(of_first[k]); same != of_second.end()) {
-      straight.push_back({KeypointId(k), same->second});
-    } else if (of_second.count(other) && random.Uniform() < options.crossed_share) {
+      if (straight_share == 1 || random.Uniform() < straight_share) {
+        straight.push_back({KeypointId(k), same->second});
+      }
+    } else if (of_second.count(other) && random.Uniform() < crossed_share) {
       crossing.push_back({KeypointId(k), of_second[other]});
     }
   }
@@ -171,6 +187,22 @@ LookAlikeWorld MakeLookAlikeWorld(const LookAlikeOptions& options) {
   world.tracks = sfm::BuildTracks(world.features, world.two_views, world.view_graph);
   LabelSegments(options, result);
   return result;
+}
+
+LookAlikeOptions FoldingOptions() {
+  LookAlikeOptions options;
+  options.columns = 15;
+  options.print_half_width_deg = 90.0;
+  options.crossed_share = 1.0;
+  options.match_range_deg = 20.0;
+  return options;
+}
+
+bool IsCrossed(const SyntheticWorld& world, const sfm::TwoView& view) {
+  const Eigen::Quaterniond truth = (world.cam_from_world[view.pair.second.index()] *
+                                    world.cam_from_world[view.pair.first.index()].Inverse())
+                                       .rotation;
+  return RotationAngle_rad(truth, view.second_from_first.rotation) > 0.5 * kPi;
 }
 
 }  // namespace rotunda::test

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "sfm/segments.h"
@@ -15,8 +16,12 @@ struct LookAlikeOptions {
   size_t rows = 2;
   size_t print_points = 240;  // on each side
   size_t head_points = 300;
-  double print_half_width_deg = 25.0;
-  double crossed_share = 0.5;  // of what could be matched across the sides
+  double print_half_width_deg = 25.0;  // 90: the print goes round the body
+  double crossed_share = 0.5;          // of what could be matched across the sides
+  /// Matches thin out with the angle between the directions the cameras look from, as
+  /// exp(-(angle / range)^2 / 2); after the half turn for crossed ones. With an odd number of
+  /// columns every camera then has crossed links stronger than its true ones to the next column.
+  double match_range_deg = std::numeric_limits<double>::infinity();
   double noise_px = 0.5;
   uint64_t seed = 1;
 };
@@ -37,5 +42,12 @@ struct LookAlikeWorld {
 };
 
 LookAlikeWorld MakeLookAlikeWorld(const LookAlikeOptions& options);
+
+/// A print all round, and 15 columns: opposite cameras are 12 degrees apart after the half turn,
+/// neighbours 24, so that the strongest links are crossed ones and the spanning tree folds.
+LookAlikeOptions FoldingOptions();
+
+/// Whether the pair's relative rotation is nearer to the half turn than to the truth.
+bool IsCrossed(const SyntheticWorld& world, const sfm::TwoView& view);
 
 }  // namespace rotunda::test

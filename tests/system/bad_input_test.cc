@@ -192,6 +192,39 @@ const std::vector<Row>& Rows() {
          return Arguments{set, "--calibration", folder / "other.json"};
        },
        {"c00r", "1200x400", "300x400"}},
+      {"UnknownSetting",
+       [](Folder, Folder set) {
+         return Arguments{set, "--set", "wings=on"};
+       },
+       {"'wings'", "known are", "unfolding"}},
+      {"SettingWithoutValue",
+       [](Folder, Folder set) {
+         return Arguments{set, "--set", "unfolding"};
+       },
+       {"unfolding", "expected"}},
+      {"SwitchSetToANumber",
+       [](Folder, Folder set) {
+         return Arguments{set, "--set", "unfolding=0.5"};
+       },
+       {"unfolding", "'0.5'", "expected"}},
+      {"NumberSetToAWord",
+       [](Folder, Folder set) {
+         return Arguments{set, "--set", "obstacles=on", "--set", "reprojection-weight=heavy"};
+       },
+       {"reprojection-weight", "'heavy'", "expected"}},
+      {"TracksForAMethodThatBuildsItsOwn",
+       [](Folder folder, Folder set) {
+         fs::create_directory(folder / "stages");
+         return Arguments{set, "--stages", folder / "stages", "--start-from", "tracks"};
+       },
+       {"tracks", "tc-sfm"}},
+      {"StageThatWasNotWritten",
+       [](Folder folder, Folder set) {
+         fs::create_directory(folder / "stages");
+         return Arguments{
+             set, "--method", "plain", "--stages", folder / "stages", "--start-from", "tracks"};
+       },
+       {"features.bin"}},
       {"DatabaseIsNotOne",
        [](Folder folder, Folder set) {
          WriteText(folder / "text.db", "this is text, not a database at all");
@@ -305,11 +338,16 @@ TEST(WrongUsage, EveryRowExitsWithTwo) {
       {"reconstruct"},
       {"reconstruct", "somewhere"},
       {"reconstruct", "somewhere", "--out", "x", "--method", "magic"},
+      {"reconstruct", "somewhere", "--out", "x", "--preset", "magic"},
+      {"reconstruct", "somewhere", "--out", "x", "--set"},
+      {"reconstruct", "somewhere", "--out", "x", "--start-from", "tracks"},
+      {"reconstruct", "somewhere", "--out", "x", "--stages", "y", "--start-from", "poses"},
       {"reconstruct", "somewhere", "--out", "x", "--fix-intrinsics", "--refine-intrinsics"},
       {"simulate", "out", "--cameras", "many"},
       {"simulate", "out", "--cameras", "0"},
       {"simulate", "out", "--seed", "-1"},
       {"simulate", "out", "--texture", "3"},
+      {"simulate", "out", "--cover", "tent"},
       {"export", "somewhere", "--format", "fax", "--out", "x"},
       {"evaluate", "poses.json"},
   };

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
 #include <string>
@@ -94,11 +95,61 @@ TEST_F(SimulatedCapture, SameBytesOnAnyNumberOfThreadsTwice) {
 
 TEST_F(SimulatedCapture, StartingFromAnyStageGivesTheSamePoses) {
   const std::string expected = Bytes(*folder_ / "out" / "poses.json");
-  for (const char* stage : {"features", "matches", "two-views", "tracks"}) {
+  for (const char* stage : {"features", "matches", "two-views"}) {
     const std::string out = std::string("from-") + stage;
     Reconstruct(out, {"--stages", *folder_ / "stages", "--start-from", stage});
     EXPECT_TRUE(Bytes(*folder_ / out / "poses.json") == expected) << stage;
   }
+}
+
+TEST_F(SimulatedCapture, ThePlainMethodStartsFromTracksTooAndGivesNoVerdict) {
+  const fs::path stages = *folder_ / "plain-stages";
+  fs::copy(*folder_ / "stages", stages);
+  Reconstruct("plain", {"--method", "plain", "--stages", stages, "--start-from", "two-views"});
+  Reconstruct("plain-from-tracks",
+              {"--method", "plain", "--stages", stages, "--start-from", "tracks"});
+  EXPECT_TRUE(Bytes(*folder_ / "plain-from-tracks" / "poses.json") ==
+              Bytes(*folder_ / "plain" / "poses.json"));
+  const nlohmann::json errors =
+      Evaluate(*folder_ / "plain" / "poses.json", *folder_ / "set" / "truth.json");
+  EXPECT_EQ(errors["registered"], 30);
+  EXPECT_EQ(errors["folded"], false) << "another print on the back";
+
+  const nlohmann::json plain = nlohmann::json::parse(Bytes(*folder_ / "plain" / "poses.json"));
+  const nlohmann::json tc_sfm = nlohmann::json::parse(Bytes(*folder_ / "out" / "poses.json"));
+  EXPECT_EQ(plain["method"], "plain");
+  EXPECT_FALSE(plain["summary"].contains("verdict"));
+  EXPECT_EQ(tc_sfm["method"], "tc-sfm");
+  EXPECT_EQ(tc_sfm["summary"]["verdict"], "sure");
+}
+
+/// The cameras of a result that stand in another's place, with that.
+std::map<std::string, std::string> SwappedCameras(const fs::path& poses_file) {
+  std::map<std::string, std::string> swapped;
+  const nlohmann::json poses = nlohmann::json::parse(Bytes(poses_file));
+  for (const nlohmann::json& camera : poses["cameras"]) {
+    if (!camera.contains("vs_calibration")) continue;
+    const nlohmann::json& versus = camera["vs_calibration"];
+    EXPECT_FALSE(versus["moved"]) << camera["camera"];
+    if (versus.contains("swapped_with")) swapped[camera["camera"]] = versus["swapped_with"];
+  }
+  return swapped;
+}
+
+TEST_F(SimulatedCapture, TellsSwappedCamerasFromMovedOnes) {
+  nlohmann::json calibration = nlohmann::json::parse(Bytes(*folder_ / "set" / "calibration.json"));
+  nlohmann::json& cameras = calibration["cameras"];
+  std::swap(cameras[6]["camera"], cameras[19]["camera"]);
+  const fs::path file = *folder_ / "swapped.json";
+  ASSERT_TRUE(WriteFileAtomically(file, calibration.dump()).ok());
+  Reconstruct("swapped",
+              {"--calibration", file, "--stages", *folder_ / "stages", "--start-from", "matches"});
+  const std::string a = cameras[6]["camera"], b = cameras[19]["camera"];
+  EXPECT_EQ(SwappedCameras(*folder_ / "swapped" / "poses.json"),
+            (std::map<std::string, std::string>{{a, b}, {b, a}}));
+  const nlohmann::json summary =
+      nlohmann::json::parse(Bytes(*folder_ / "swapped" / "poses.json"))["summary"];
+  EXPECT_EQ(summary["folded"], false);
 }
 
 TEST_F(SimulatedCapture, NeighbourPairsGiveAllPosesToo) {

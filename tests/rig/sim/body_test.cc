@@ -1,9 +1,13 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <memory>
+#include <vector>
 
+#include "rig/sim/body_paint.h"
 #include "rig/sim/body_shape.h"
 #include "rig/sim/garment.h"
 #include "rig/sim/obj_body.h"
@@ -147,6 +151,62 @@ TEST(Garment, PanelIsUprightAndUnmirroredForBothViewers) {
             ToPanel(shape.layout(), {0.1f, 0.0f, 1.2f}).at_m.y());
 }
 
+/// What a cover changes of a paint at the points of a mesh.
+struct CoverChange {
+  std::vector<Vector3f> head, feet, between;  // colours after the cover, where it changed them
+  size_t hands_kept = 0;                      // points of bare hands with the colour they had
+};
+
+CoverChange ChangeBy(const Mesh& mesh, const BodyLayout& layout, const Paint& bare,
+                     const Paint& covered) {
+  CoverChange change;
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    SurfacePoint point;
+    point.position = mesh.vertices[i];
+    point.normal = mesh.normals[i];
+    if (!mesh.uvs.empty()) point.uv = mesh.uvs[i];
+    point.footprint_m = 0.001f;
+    const Vector3f before = bare.Albedo(point), after = covered.Albedo(point);
+    const float z = point.position.z();
+    if (before == after) {
+      const bool is_hand = std::abs(point.position.y()) > 0.3f;
+      change.hands_kept += is_hand && layout.GarmentInside_m(point.position) < -0.02f;
+      continue;
+    }
+    // The cloth's edges are a few centimetres wide.
+    const bool is_head = z > layout.neck_z_m - 0.06f, is_foot = z < layout.ankle_z_m + 0.02f;
+    (is_head ? change.head : is_foot ? change.feet : change.between).push_back(after);
+  }
+  return change;
+}
+
+void ExpectOneColour(const std::vector<Vector3f>& colours) {
+  ASSERT_GT(colours.size(), 100u);
+  for (const Vector3f& colour : colours) ASSERT_EQ(colour, colours[0]);
+}
+
+TEST(Cover, FaceAndShoesAreEachOfOneColourAndNothingElseChanges) {
+  ThreadPool threads(2);
+  const BodyShape shape(DrawProportions(3), Relief::kSymmetric, 1.75f);
+  const Mesh mesh = MakeBodyMesh(shape, 0.007f, threads);
+  const auto paint = [&](Cover cover) {
+    return MakeBodyPaint(shape, Garment(GarmentTexture::kTwin, 5, shape.layout()), cover, 7);
+  };
+  const auto bare = paint(Cover::kNone), covered = paint(Cover::kHeadAndShoes);
+  const CoverChange change = ChangeBy(mesh, shape.layout(), *bare, *covered);
+  ExpectOneColour(change.head);
+  ExpectOneColour(change.feet);
+  EXPECT_TRUE(change.between.empty());
+  EXPECT_GT(change.hands_kept, 100u);
+  // The crown of the head is hair, the tip of the nose is not.
+  SurfacePoint point;
+  point.position = {-0.02f, 0, 1.75f};
+  EXPECT_EQ(covered->Albedo(point), bare->Albedo(point));
+  point.position = {0.10f, 0, 1.60f};
+  EXPECT_EQ(covered->Albedo(point), change.head[0]);
+  EXPECT_EQ(covered->Gloss(point), 0.0f);
+}
+
 std::filesystem::path SharedBody(const std::string& name) {
   const char* shared = std::getenv("ROTUNDA_SHARED");
   const std::filesystem::path folder =
@@ -174,6 +234,29 @@ TEST(ObjBody, StandsOnTheFloorFacingTheFront) {
   EXPECT_LT(high.y(), 0.72f) << "the arms of a T-pose are lowered";
   ASSERT_FALSE(body->mesh.materials.empty());
   EXPECT_EQ(body->textures[body->mesh.materials[0]].width(), 2048);
+}
+
+TEST(ObjBody, CoverLeavesHairAndHands) {
+  const std::filesystem::path file = SharedBody("Asian_F_2_Default");
+  if (!std::filesystem::exists(file)) GTEST_SKIP() << "no " << file;
+  const auto paint = [&](ObjBody body, Cover cover) {
+    auto garment = std::make_unique<Garment>(GarmentTexture::kTwin, 5, body.layout);
+    return MakeObjPaint(std::move(body), std::move(garment), cover);
+  };
+  const ObjBody body = ReadObjBody(file, kHeight_m).value();
+  const auto bare = paint(ReadObjBody(file, kHeight_m).value(), Cover::kNone);
+  const auto covered = paint(ReadObjBody(file, kHeight_m).value(), Cover::kHeadAndShoes);
+  const CoverChange change = ChangeBy(body.mesh, body.layout, *bare, *covered);
+  ExpectOneColour(change.head);
+  ExpectOneColour(change.feet);
+  EXPECT_TRUE(change.between.empty());
+  EXPECT_GT(change.hands_kept, 100u);
+  SurfacePoint point;
+  point.position = {0, 0, kHeight_m - 0.05f};
+  const auto hair = std::find(body.is_hair.begin(), body.is_hair.end(), true);
+  ASSERT_NE(hair, body.is_hair.end());
+  point.material = static_cast<uint8_t>(hair - body.is_hair.begin());
+  EXPECT_EQ(covered->Albedo(point), bare->Albedo(point));
 }
 
 TEST(ObjBody, MissingFileAndNotAMeshAreErrors) {

@@ -67,6 +67,18 @@ TEST(PoseSet, ReadsWhatItWrites) {
   EXPECT_EQ(read->summary.models, 1u);
 }
 
+TEST(PoseSet, KeepsWhosePlaceASwappedCameraHas) {
+  PoseSet poses = MakePoses();
+  EXPECT_EQ(PoseSetToJson(poses).find("swapped_with"), std::string::npos);
+  poses.cameras[0].vs_calibration->swapped_with = "b";
+  const std::string text = PoseSetToJson(poses);
+  EXPECT_EQ(json::parse(text)["cameras"][0]["vs_calibration"]["swapped_with"], "b");
+  const auto read = PoseSetFromJson(text, "text");
+  ASSERT_TRUE(read.ok()) << read.error().ToString();
+  EXPECT_EQ(read->cameras[0].vs_calibration->swapped_with, "b");
+  EXPECT_EQ(PoseSetToJson(*read), text);
+}
+
 TEST(PoseSet, GivesTheCentreInMillimetres) {
   const json text = json::parse(PoseSetToJson(MakePoses()));
   const Eigen::Vector3d centre = MakePoses().cameras[0].cam_from_rig.OriginInSource();
@@ -129,6 +141,8 @@ TEST(PoseSet, NamesTheFieldWhatWasFoundAndWhatWasExpected) {
        "cameras[0].segments[1]: expected an integer from 0 to 4294967295, found 4294967296"},
       {"/cameras/0/side", "top",
        "cameras[0].side: expected \"front\", \"back\", \"left\" or \"right\", found \"top\""},
+      {"/cameras/0/vs_calibration/swapped_with", "",
+       "cameras[0].vs_calibration.swapped_with: expected a camera's name, found \"\""},
       {"/cameras/1/camera", "a", "cameras[1].camera: camera \"a\" is already cameras[0]"},
       {"/cameras/1/reason", nullptr, "cameras[1].reason: expected a string, found null"},
       {"/segments/0/tracks", -1, "segments[0].tracks: expected an integer >= 0, found -1"},

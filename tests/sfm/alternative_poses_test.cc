@@ -1,0 +1,99 @@
+#include "sfm/alternative_poses.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "sfm/agreeing_matches.h"
+#include "tests/support/look_alike_world.h"
+#include "tests/support/synthetic_world.h"
+
+namespace rotunda::sfm {
+namespace {
+
+using test::FoldingOptions;
+using test::LookAlikeOptions;
+using test::LookAlikeWorld;
+using test::MakeLookAlikeWorld;
+using test::TrueReconstruction;
+
+/// Of the right model.
+Alternatives Find(const LookAlikeWorld& look_alike, int threads = 2,
+                  const AlternativeOptions& options = {}) {
+  ThreadPool pool(threads);
+  RunContext context{pool};
+  const test::SyntheticWorld& world = look_alike.world;
+  const Reconstruction truth = TrueReconstruction(world);
+  const TwoViews agreeing = AgreeingMatches(truth, world.features, world.two_views, {});
+  return FindAlternatives(truth, world.features, world.two_views, agreeing, {}, options, context);
+}
+
+TEST(AlternativePoses, CrossedMatchesWouldTurnEveryImageByHalfATurn) {
+  const LookAlikeWorld look_alike = MakeLookAlikeWorld(FoldingOptions());
+  const Alternatives alternatives = Find(look_alike);
+  ASSERT_EQ(alternatives.poses.size(), look_alike.world.cam_from_world.size());
+  const Rigid3 half_turn{Eigen::Quaterniond(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitZ())),
+                         Eigen::Vector3d::Zero()};
+  for (size_t i = 0; i < alternatives.poses.size(); ++i) {
+    const AlternativePose& pose = alternatives.poses[i];
+    EXPECT_EQ(pose.image, ImageId(i));
+    EXPECT_GE(pose.inliers, AlternativeOptions().min_inliers);
+    const Rigid3 expected = look_alike.world.cam_from_world[i] * half_turn;
+    EXPECT_LT(RotationAngle_rad(pose.cam_from_model.rotation, expected.rotation), RadFromDeg(0.5));
+    EXPECT_LT((pose.cam_from_model.OriginInSource() - expected.OriginInSource()).norm(), 0.015);
+  }
+}
+
+TEST(AlternativePoses, WhatExistsOnceSpeaksAgainstThem) {
+  double last = 0;
+  for (const size_t head_points : {100, 200, 400}) {
+    LookAlikeOptions options = FoldingOptions();
+    options.head_points = head_points;
+    const Alternatives alternatives = Find(MakeLookAlikeWorld(options));
+    EXPECT_EQ(alternatives.poses.size(), 30u);
+    EXPECT_GT(alternatives.evidence_against, 200) << head_points << " head points";
+    EXPECT_GT(alternatives.evidence_against, 1.5 * last) << head_points << " head points";
+    last = alternatives.evidence_against;
+  }
+}
+
+TEST(AlternativePoses, NothingSpeaksAgainstThemWhereBothSidesAreAlike) {
+  for (uint64_t seed = 1; seed <= 5; ++seed) {
+    LookAlikeOptions options = FoldingOptions();
+    options.head_points = 0;
+    options.seed = seed;
+    const Alternatives alternatives = Find(MakeLookAlikeWorld(options));
+    EXPECT_EQ(alternatives.poses.size(), 30u) << "seed " << seed;
+    EXPECT_LT(alternatives.evidence_against, 1.0) << "seed " << seed;
+  }
+}
+
+TEST(AlternativePoses, NoneWhereNothingLooksAlike) {
+  LookAlikeOptions options = FoldingOptions();
+  options.crossed_share = 0;
+  const Alternatives alternatives = Find(MakeLookAlikeWorld(options));
+  EXPECT_TRUE(alternatives.poses.empty());
+  EXPECT_EQ(alternatives.evidence_against, 0);
+}
+
+TEST(AlternativePoses, OptionsSayWhatCountsAsOne) {
+  const LookAlikeWorld look_alike = MakeLookAlikeWorld(FoldingOptions());
+  EXPECT_TRUE(Find(look_alike, 2, {.min_inliers = 100000}).poses.empty());
+  // More than half a turn off there is nothing.
+  EXPECT_TRUE(Find(look_alike, 2, {.min_rotation_rad = RadFromDeg(181)}).poses.empty());
+}
+
+TEST(AlternativePoses, GivesTheSameOnAnyNumberOfThreads) {
+  const LookAlikeWorld look_alike = MakeLookAlikeWorld(FoldingOptions());
+  const Alternatives one = Find(look_alike, 1), two = Find(look_alike, 2);
+  EXPECT_EQ(one.evidence_against, two.evidence_against);
+  ASSERT_EQ(one.poses.size(), two.poses.size());
+  for (size_t i = 0; i < one.poses.size(); ++i) {
+    EXPECT_EQ(one.poses[i].image, two.poses[i].image);
+    EXPECT_EQ(one.poses[i].inliers, two.poses[i].inliers);
+    EXPECT_EQ(one.poses[i].cam_from_model.Matrix(), two.poses[i].cam_from_model.Matrix());
+  }
+}
+
+}  // namespace
+}  // namespace rotunda::sfm

@@ -1,0 +1,251 @@
+#include "sfm/consistent_view_graph.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "tests/support/look_alike_world.h"
+
+namespace rotunda::sfm {
+namespace {
+
+using test::FoldingOptions;
+using test::IsCrossed;
+using test::LookAlikeOptions;
+using test::LookAlikeWorld;
+using test::MakeLookAlikeWorld;
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+/// Cameras that turn about one axis, and edges that are right or off by an angle about it.
+struct HandMadeGraph {
+  explicit HandMadeGraph(size_t images) : graph{images, {}} {}
+
+  static Eigen::Quaterniond Truth(size_t image) {
+    return Eigen::AngleAxisd(0.2 * static_cast<double>(image), Eigen::Vector3d::UnitY()) *
+           Eigen::Quaterniond(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX()));
+  }
+  /// `off_deg`: in the frame that the cameras share, so that edges off alike agree.
+  HandMadeGraph& Add(size_t i, size_t j, double weight, double off_deg = 0) {
+    TwoView view;
+    view.pair = {ImageId(i), ImageId(j)};
+    const Eigen::Quaterniond off(
+        Eigen::AngleAxisd(RadFromDeg(off_deg), Eigen::Vector3d(1, 2, 2) / 3.0));
+    view.second_from_first.rotation = Truth(j) * off * Truth(i).conjugate();
+    view.second_from_first.translation = Eigen::Vector3d::UnitX();
+    graph.edges.push_back({two_views.pairs.size(), view.pair, weight});
+    two_views.pairs.push_back(view);
+    return *this;
+  }
+  HandMadeGraph& AddPanoramic(size_t i, size_t j, double weight, double off_deg) {
+    Add(i, j, weight, off_deg);
+    two_views.pairs.back().kind = TwoViewKind::kPanoramic;
+    two_views.pairs.back().second_from_first.translation.setZero();
+    return *this;
+  }
+  ConsistentViewGraph Judge() const {
+    const auto consistent = BuildConsistentViewGraph(graph, two_views, {});
+    EXPECT_TRUE(consistent);
+    return *consistent;
+  }
+
+  TwoViews two_views;
+  ViewGraph graph;
+};
+
+/// Largest difference of a relative rotation from the truth, degrees.
+double WorstRelative_deg(const ConsistentViewGraph& consistent) {
+  double worst = 0;
+  for (size_t i = 0; i < consistent.cam_from_world.size(); ++i) {
+    for (size_t j = 0; j < i; ++j) {
+      const Eigen::Quaterniond relative =
+          *consistent.cam_from_world[i] * consistent.cam_from_world[j]->conjugate();
+      const Eigen::Quaterniond truth =
+          HandMadeGraph::Truth(i) * HandMadeGraph::Truth(j).conjugate();
+      worst = std::max(worst, DegFromRad(RotationAngle_rad(relative, truth)));
+    }
+  }
+  return worst;
+}
+
+using enum EdgeVerdict;
+
+TEST(ConsistentViewGraph, AHeavyWrongEdgeIsOutvotedBySeveralNearlyAsHeavy) {
+  // Between {0, 1} and {2, 3}: 0.5^4 = 0.063 against 3 * 0.45^4 = 0.123.
+  const ConsistentViewGraph consistent = HandMadeGraph(4)
+                                             .Add(0, 1, 0.9)
+                                             .Add(2, 3, 0.8)
+                                             .Add(1, 2, 0.5, 180)
+                                             .Add(0, 2, 0.45)
+                                             .Add(0, 3, 0.45)
+                                             .Add(1, 3, 0.45)
+                                             .Judge();
+  EXPECT_EQ(consistent.verdicts,
+            (std::vector<EdgeVerdict>{kSure, kSure, kRejected, kSure, kSure, kSure}));
+  EXPECT_LT(WorstRelative_deg(consistent), 1e-6);
+  // The wrong edge is the lightest of the tree and the heaviest of those that contradict.
+  EXPECT_DOUBLE_EQ(consistent.margin, 1.0);
+  EXPECT_FALSE(consistent.trusted);
+}
+
+TEST(ConsistentViewGraph, ManyLightEdgesAreNotHeard) {
+  // 0.5^4 = 0.063 against 3 * 0.3^4 = 0.024, although 0.5 < 3 * 0.3.
+  const ConsistentViewGraph consistent = HandMadeGraph(4)
+                                             .Add(0, 1, 0.9)
+                                             .Add(2, 3, 0.8)
+                                             .Add(1, 2, 0.5)
+                                             .Add(0, 2, 0.3, 180)
+                                             .Add(0, 3, 0.3, 180)
+                                             .Add(1, 3, 0.3, 180)
+                                             .Judge();
+  EXPECT_EQ(consistent.verdicts,
+            (std::vector<EdgeVerdict>{kSure, kSure, kSure, kRejected, kRejected, kRejected}));
+  EXPECT_LT(WorstRelative_deg(consistent), 1e-6);
+  EXPECT_DOUBLE_EQ(consistent.margin, 0.5 / 0.3);
+  EXPECT_TRUE(consistent.trusted);
+  EXPECT_EQ(consistent.min_sure_weight, ConsistencyOptions().most_sure_weight);
+}
+
+TEST(ConsistentViewGraph, SureIsWhatIsHeavierThanTheContradictionOrHoldsTheGraphTogether) {
+  const HandMadeGraph graph = HandMadeGraph(5)
+                                  .Add(0, 1, 0.9)
+                                  .Add(1, 2, 0.8)
+                                  .Add(0, 2, 0.10)  // agrees, below the contradiction
+                                  .Add(2, 3, 0.7)
+                                  .Add(0, 3, 0.12, 90)  // contradicts
+                                  .Add(1, 3, 0.13)      // agrees, above it
+                                  .Add(3, 4, 0.06);     // the only one that holds image 4
+  const ConsistentViewGraph consistent = graph.Judge();
+  EXPECT_EQ(consistent.verdicts,
+            (std::vector<EdgeVerdict>{kSure, kSure, kWeak, kSure, kRejected, kSure, kSure}));
+  EXPECT_DOUBLE_EQ(consistent.min_sure_weight, 0.12);
+  EXPECT_DOUBLE_EQ(consistent.margin, 0.06 / 0.12);
+  EXPECT_FALSE(consistent.trusted);
+
+  const auto places = [&](EdgeVerdict least) {
+    std::vector<size_t> kept;
+    for (const ViewGraphEdge& edge : EdgesThatAgree(graph.graph, consistent, least).edges) {
+      kept.push_back(edge.two_view);
+    }
+    return kept;
+  };
+  EXPECT_EQ(places(kSure), (std::vector<size_t>{0, 1, 3, 5, 6}));
+  EXPECT_EQ(places(kWeak), (std::vector<size_t>{0, 1, 2, 3, 5, 6}));
+}
+
+TEST(ConsistentViewGraph, PanoramicEdgesHaveNoPart) {
+  const HandMadeGraph without =
+      HandMadeGraph(4).Add(0, 1, 0.5).Add(1, 2, 0.4).Add(0, 2, 0.3).Add(0, 3, 0.2);
+  HandMadeGraph with = without;
+  with.graph.images = 5;
+  with.AddPanoramic(2, 3, 0.9, 120).AddPanoramic(1, 3, 0.9, 120).AddPanoramic(3, 4, 0.9, 0);
+  const ConsistentViewGraph a = without.Judge(), b = with.Judge();
+  EXPECT_EQ(a.margin, kInfinite);
+  EXPECT_EQ(b.margin, kInfinite);
+  EXPECT_TRUE(b.trusted);
+  EXPECT_EQ(b.min_sure_weight, ConsistencyOptions().least_sure_weight);
+  EXPECT_EQ(b.verdicts, (std::vector<EdgeVerdict>{kSure, kSure, kSure, kSure, kRejected, kRejected,
+                                                  kRejected}));
+  for (size_t i = 0; i < 4; ++i) {
+    EXPECT_LT(RotationAngle_rad(*a.cam_from_world[i], *b.cam_from_world[i]), 1e-9) << "image " << i;
+  }
+  EXPECT_FALSE(b.cam_from_world[4]) << "only a panoramic edge leads there";
+}
+
+TEST(ConsistentViewGraph, AveragingBearsAnEdgeThatIsALittleOff) {
+  // All 15 edges of six images; one is off by more or less than agree_rad = 8 degrees.
+  for (const double off_deg : {7.0, 9.0}) {
+    HandMadeGraph graph(6);
+    for (size_t i = 0; i < 6; ++i) {
+      for (size_t j = i + 1; j < 6; ++j) graph.Add(i, j, 0.4, i == 1 && j == 4 ? off_deg : 0.0);
+    }
+    const ConsistentViewGraph consistent = graph.Judge();
+    for (size_t e = 0; e < graph.graph.edges.size(); ++e) {
+      const ImagePair& pair = graph.graph.edges[e].pair;
+      const bool off = pair.first == ImageId(1) && pair.second == ImageId(4);
+      EXPECT_EQ(consistent.verdicts[e], off && off_deg > 8 ? kRejected : kSure)
+          << off_deg << " deg, edge " << e;
+    }
+    // The L1/2 norm does not move at all; L1.5 would by a ninth of the error, least squares by a
+    // third.
+    EXPECT_LT(WorstRelative_deg(consistent), 0.05) << off_deg << " deg";
+    EXPECT_EQ(consistent.margin, kInfinite);  // not far off
+  }
+}
+
+TEST(ConsistentViewGraph, EveryComponentHasItsFrameAndLooseImagesNone) {
+  const ConsistentViewGraph consistent =
+      HandMadeGraph(6).Add(0, 1, 0.5).Add(0, 2, 0.4).Add(3, 5, 0.3).Judge();
+  EXPECT_EQ(consistent.verdicts, (std::vector<EdgeVerdict>{kSure, kSure, kSure}));
+  EXPECT_TRUE(consistent.cam_from_world[3] && consistent.cam_from_world[5]);
+  EXPECT_FALSE(consistent.cam_from_world[4]);
+  const Eigen::Quaterniond relative =
+      *consistent.cam_from_world[5] * consistent.cam_from_world[3]->conjugate();
+  EXPECT_LT(
+      RotationAngle_rad(relative, HandMadeGraph::Truth(5) * HandMadeGraph::Truth(3).conjugate()),
+      1e-9);
+  const ConsistentViewGraph empty = HandMadeGraph(2).Judge();
+  EXPECT_TRUE(empty.verdicts.empty());
+  EXPECT_FALSE(empty.cam_from_world[0] || empty.cam_from_world[1]);
+}
+
+/// Share of the crossed pairs, and of the true ones, that agree.
+std::pair<double, double> AgreeingShares(const LookAlikeWorld& look_alike,
+                                         const ConsistentViewGraph& consistent) {
+  std::array<double, 2> agree = {0, 0}, all = {0, 0};
+  for (size_t e = 0; e < consistent.verdicts.size(); ++e) {
+    const ViewGraphEdge& edge = look_alike.world.view_graph.edges[e];
+    const bool crossed =
+        IsCrossed(look_alike.world, look_alike.world.two_views.pairs[edge.two_view]);
+    ++all[crossed];
+    agree[crossed] += consistent.verdicts[e] != kRejected;
+  }
+  return {agree[1] / all[1], agree[0] / all[0]};
+}
+
+TEST(ConsistentViewGraph, LightCrossedPairsAreRejectedHoweverMany) {
+  LookAlikeOptions options;
+  options.crossed_share = 0.3;
+  options.print_half_width_deg = 90;
+  const LookAlikeWorld look_alike = MakeLookAlikeWorld(options);
+  ASSERT_GT(look_alike.crossed_pairs, look_alike.world.two_views.pairs.size() / 3);
+  const auto consistent =
+      BuildConsistentViewGraph(look_alike.world.view_graph, look_alike.world.two_views, {});
+  ASSERT_TRUE(consistent);
+  EXPECT_EQ(AgreeingShares(look_alike, *consistent), std::pair(0.0, 1.0));
+  EXPECT_TRUE(consistent->trusted) << consistent->margin;
+}
+
+TEST(ConsistentViewGraph, AFoldedTreeIsNotTrusted) {
+  for (uint64_t seed = 1; seed <= 5; ++seed) {
+    LookAlikeOptions options = FoldingOptions();
+    options.seed = seed;
+    const LookAlikeWorld look_alike = MakeLookAlikeWorld(options);
+    const auto consistent =
+        BuildConsistentViewGraph(look_alike.world.view_graph, look_alike.world.two_views, {});
+    ASSERT_TRUE(consistent);
+    EXPECT_GT(AgreeingShares(look_alike, *consistent).first, 0.0) << "seed " << seed;
+    EXPECT_FALSE(consistent->trusted) << "seed " << seed << ", margin " << consistent->margin;
+  }
+}
+
+TEST(ConsistentViewGraph, RefusesOptionsOutOfRange) {
+  const auto field_of = [](const ConsistencyOptions& options) {
+    const auto refused = BuildConsistentViewGraph({}, {}, options);
+    if (refused) return std::string("accepted");
+    EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
+    return refused.error().context;
+  };
+  EXPECT_EQ(field_of({}), "accepted");
+  EXPECT_EQ(field_of({.agree_rad = 0}), "agree_rad");
+  EXPECT_EQ(field_of({.off_rad = 0.1, .agree_rad = 0.2}), "off_rad");
+  EXPECT_EQ(field_of({.far_rad = 0.1, .off_rad = 0.2, .agree_rad = 0.1}), "far_rad");
+  EXPECT_EQ(field_of({.trusted_margin = 0}), "trusted_margin");
+  EXPECT_EQ(field_of({.least_sure_weight = -0.1}), "least_sure_weight");
+  EXPECT_EQ(field_of({.least_sure_weight = 0.3, .most_sure_weight = 0.2}), "most_sure_weight");
+  EXPECT_EQ(field_of({.far_rad = std::nan("")}), "far_rad");
+}
+
+}  // namespace
+}  // namespace rotunda::sfm

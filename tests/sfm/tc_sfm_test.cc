@@ -1,0 +1,243 @@
+#include "sfm/tc_sfm.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <limits>
+
+#include "tests/support/look_alike_world.h"
+#include "tests/support/reconstruction_near.h"
+#include "tests/support/synthetic_world.h"
+
+namespace rotunda::sfm {
+namespace {
+
+using test::ErrorsOf;
+using test::FoldingOptions;
+using test::IsCrossed;
+using test::LookAlikeOptions;
+using test::LookAlikeWorld;
+using test::MakeLookAlikeWorld;
+using test::MakeSyntheticWorld;
+using test::NotNear;
+using test::SyntheticOptions;
+using test::SyntheticWorld;
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+constexpr double kFolded_rad = RadFromDeg(10.0);
+/// What 0.5 px at 200 keypoints an image allow, with room for the worst of 30 cameras.
+constexpr double kNear_rad = RadFromDeg(0.3), kNear_m = 0.008;
+
+class TcSfmTest : public ::testing::Test {
+ protected:
+  Result<TcSfmResult> Run(const SyntheticWorld& world, const TcSfmOptions& options = {}) {
+    return RunTcSfm({world.features, world.intrinsics, world.two_views, world.view_graph}, options,
+                    {}, context_);
+  }
+  /// Largest rotation error of the first plain model.
+  double PlainError_rad(const SyntheticWorld& world) {
+    const auto plain = BuildReconstructions(world.Input(), {}, context_);
+    EXPECT_TRUE(plain);
+    return plain ? ErrorsOf(plain->models[0], world.cam_from_world).max_rotation_rad : 0;
+  }
+  ThreadPool threads_{2};
+  RunContext context_{threads_};
+};
+
+/// The tree of the strongest links joins front and back.
+bool TreeFolds(const SyntheticWorld& world) {
+  const std::vector<size_t> tree = MaximumSpanningTree(world.view_graph);
+  return std::any_of(tree.begin(), tree.end(), [&](size_t e) {
+    return IsCrossed(world, world.two_views.pairs[world.view_graph.edges[e].two_view]);
+  });
+}
+
+TEST_F(TcSfmTest, UnfoldsWhatPlainReconstructionFolds) {
+  for (uint64_t seed = 1; seed <= 2; ++seed) {
+    LookAlikeOptions options = FoldingOptions();
+    options.seed = seed;
+    const SyntheticWorld world = MakeLookAlikeWorld(options).world;
+    ASSERT_TRUE(TreeFolds(world)) << "seed " << seed;
+    ASSERT_GT(PlainError_rad(world), kFolded_rad) << "seed " << seed;
+    const auto result = Run(world);
+    ASSERT_TRUE(result) << result.error().ToString();
+    ASSERT_EQ(result->models.models.size(), 1u) << "seed " << seed;
+    EXPECT_EQ(NotNear(result->models.models[0], world.cam_from_world, kNear_rad, kNear_m), "")
+        << "seed " << seed;
+    EXPECT_EQ(result->verdict, Verdict::kSure) << "seed " << seed;
+    EXPECT_GE(result->unfoldings, 1);
+    EXPECT_GE(result->gain, TcSfmOptions().min_gain);
+    EXPECT_EQ(result->remaining_gain, 0);
+    EXPECT_EQ(result->alternatives, world.cam_from_world.size());
+    EXPECT_GT(result->evidence, 10 * TcSfmOptions().min_evidence) << "seed " << seed;
+  }
+}
+
+TEST_F(TcSfmTest, JudgesEveryEdge) {
+  const SyntheticWorld world = MakeLookAlikeWorld(FoldingOptions()).world;
+  const auto result = Run(world);
+  ASSERT_TRUE(result) << result.error().ToString();
+  ASSERT_EQ(result->verdicts.size(), world.view_graph.edges.size());
+  size_t kept = 0;
+  for (size_t e = 0; e < result->verdicts.size(); ++e) {
+    const TwoView& view = world.two_views.pairs[world.view_graph.edges[e].two_view];
+    EXPECT_EQ(result->verdicts[e],
+              IsCrossed(world, view) ? EdgeVerdict::kRejected : EdgeVerdict::kSure)
+        << view.pair.first.index() << "-" << view.pair.second.index();
+    kept += result->verdicts[e] == EdgeVerdict::kSure;
+  }
+  EXPECT_EQ(result->two_views.pairs.size(), kept);
+  EXPECT_EQ(result->view_graph.edges.size(), kept);
+  for (const double certainty : result->certainty) EXPECT_GT(certainty, 0);
+}
+
+TEST_F(TcSfmTest, WithoutUnfoldingTheFoldIsFoundAndSaid) {
+  const SyntheticWorld world = MakeLookAlikeWorld(FoldingOptions()).world;
+  TcSfmOptions options;
+  options.unfolding = false;
+  const auto result = Run(world, options);
+  ASSERT_TRUE(result) << result.error().ToString();
+  EXPECT_GT(ErrorsOf(result->models.models[0], world.cam_from_world).max_rotation_rad, kFolded_rad);
+  EXPECT_EQ(result->verdict, Verdict::kFolded);
+  EXPECT_GE(result->remaining_gain, options.min_gain);
+  EXPECT_EQ(result->unfoldings, 0);
+  options.unfolding = true;
+  options.max_unfoldings = 0;
+  const auto none_allowed = Run(world, options);
+  ASSERT_TRUE(none_allowed);
+  EXPECT_EQ(none_allowed->verdict, Verdict::kFolded);
+}
+
+TEST_F(TcSfmTest, UnfoldsWithoutTheConsistentViewGraph) {
+  const SyntheticWorld world = MakeLookAlikeWorld(FoldingOptions()).world;
+  TcSfmOptions options;
+  options.consistent_view_graph = false;
+  const auto result = Run(world, options);
+  ASSERT_TRUE(result) << result.error().ToString();
+  EXPECT_EQ(NotNear(result->models.models[0], world.cam_from_world, kNear_rad, kNear_m), "");
+  EXPECT_EQ(result->verdict, Verdict::kSure);
+}
+
+TEST_F(TcSfmTest, IsNotSureWhereNothingDistinguishesTheSides) {
+  for (uint64_t seed = 1; seed <= 3; ++seed) {
+    LookAlikeOptions options = FoldingOptions();
+    options.head_points = 0;
+    options.seed = seed;
+    const auto result = Run(MakeLookAlikeWorld(options).world);
+    ASSERT_TRUE(result) << result.error().ToString();
+    EXPECT_EQ(result->verdict, Verdict::kUnsure) << "seed " << seed;
+    EXPECT_GT(result->alternatives, 0u) << "seed " << seed;
+    EXPECT_LT(result->evidence, TcSfmOptions().min_evidence) << "seed " << seed;
+  }
+}
+
+/// With few points that exist once the result may be right, folded or right but for a few images.
+TEST_F(TcSfmTest, WhatIsSureIsRight) {
+  size_t sure = 0, wrong = 0;
+  for (const size_t head_points : {20, 60, 150}) {
+    for (uint64_t seed = 11; seed <= 12; ++seed) {
+      LookAlikeOptions options = FoldingOptions();
+      options.head_points = head_points;
+      options.seed = seed;
+      const SyntheticWorld world = MakeLookAlikeWorld(options).world;
+      const auto result = Run(world);
+      ASSERT_TRUE(result) << result.error().ToString();
+      const double error_rad =
+          ErrorsOf(result->models.models[0], world.cam_from_world).max_rotation_rad;
+      EXPECT_FALSE(result->verdict == Verdict::kSure && error_rad > kFolded_rad)
+          << head_points << " head points, seed " << seed << ", error " << DegFromRad(error_rad)
+          << " deg, evidence " << result->evidence;
+      sure += result->verdict == Verdict::kSure;
+      wrong += error_rad > kFolded_rad;
+    }
+  }
+  EXPECT_GT(sure, 0u);
+  EXPECT_GT(wrong, 0u) << "the worlds are too easy to prove anything";
+}
+
+TEST_F(TcSfmTest, ChangesNothingWhereNothingLooksAlike) {
+  for (uint64_t seed = 1; seed <= 2; ++seed) {
+    SyntheticOptions options;
+    options.seed = seed;
+    options.wrong_match_share = 0.05;
+    const SyntheticWorld world = MakeSyntheticWorld(options);
+    const auto plain = BuildReconstructions(world.Input(), {}, context_);
+    const auto result = Run(world);
+    ASSERT_TRUE(plain && result);
+    EXPECT_EQ(result->verdict, Verdict::kSure);
+    EXPECT_EQ(result->unfoldings, 0);
+    EXPECT_EQ(result->gain, kInfinite);
+    EXPECT_EQ(result->alternatives, 0u);
+    EXPECT_EQ(result->evidence, kInfinite);
+    EXPECT_EQ(result->margin, kInfinite);
+    EXPECT_TRUE(result->models.unregistered.empty());
+    EXPECT_TRUE(result->notes.empty());
+    const test::PoseErrors expected = ErrorsOf(plain->models[0], world.cam_from_world);
+    EXPECT_EQ(NotNear(result->models.models[0], world.cam_from_world,
+                      1.2 * expected.max_rotation_rad, 1.2 * expected.max_position),
+              "")
+        << "seed " << seed;
+  }
+}
+
+TEST_F(TcSfmTest, GivesTheSameBytesOnAnyNumberOfThreads) {
+  const SyntheticWorld world = MakeLookAlikeWorld(FoldingOptions()).world;
+  const auto two = Run(world);
+  ThreadPool single(1);
+  RunContext alone{single};
+  const auto one = RunTcSfm({world.features, world.intrinsics, world.two_views, world.view_graph},
+                            {}, {}, alone);
+  ASSERT_TRUE(one && two);
+  const Reconstruction &a = one->models.models[0], &b = two->models.models[0];
+  for (size_t i = 0; i < a.cam_from_model.size(); ++i) {
+    ASSERT_TRUE(a.Registered(ImageId(i)) && b.Registered(ImageId(i)));
+    EXPECT_EQ(a.cam_from_model[i]->Matrix(), b.cam_from_model[i]->Matrix()) << "image " << i;
+  }
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (size_t p = 0; p < a.points.size(); ++p) {
+    EXPECT_EQ(a.points[p].position, b.points[p].position);
+    EXPECT_EQ(a.points[p].observations, b.points[p].observations);
+  }
+  EXPECT_EQ(one->verdicts, two->verdicts);
+  EXPECT_EQ(one->gain, two->gain);
+  EXPECT_EQ(one->evidence, two->evidence);
+  EXPECT_EQ(one->certainty, two->certainty);
+}
+
+TEST_F(TcSfmTest, StopsWhenAskedToAndRefusesBadOptions) {
+  const SyntheticWorld world = MakeSyntheticWorld({});
+  std::stop_source stop;
+  stop.request_stop();
+  RunContext stopped{threads_, stop.get_token()};
+  const auto cancelled = RunTcSfm(
+      {world.features, world.intrinsics, world.two_views, world.view_graph}, {}, {}, stopped);
+  ASSERT_FALSE(cancelled);
+  EXPECT_EQ(cancelled.error().code, ErrorCode::kCancelled);
+  const auto field_of = [&](const TcSfmOptions& options) {
+    const auto refused = Run(world, options);
+    if (refused) return std::string("accepted");
+    EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
+    return refused.error().context;
+  };
+  TcSfmOptions options;
+  options.max_unfoldings = -1;
+  EXPECT_EQ(field_of(options), "max_unfoldings");
+  options = {};
+  options.min_gain = 0;
+  EXPECT_EQ(field_of(options), "min_gain");
+  options = {};
+  options.consistency.agree_rad = 0;
+  EXPECT_EQ(field_of(options), "agree_rad");
+  options = {};
+  options.covisibility.enclosure = 0;
+  EXPECT_EQ(field_of(options), "enclosure");
+}
+
+TEST(Verdict, HasAName) {
+  EXPECT_STREQ(VerdictName(Verdict::kSure), "sure");
+  EXPECT_STREQ(VerdictName(Verdict::kUnsure), "unsure");
+  EXPECT_STREQ(VerdictName(Verdict::kFolded), "folded");
+}
+
+}  // namespace
+}  // namespace rotunda::sfm
