@@ -1,6 +1,7 @@
 #include "sfm/agreeing_matches.h"
 
-#include <algorithm>
+#include <cmath>
+#include <optional>
 
 #include "sfm/epipolar.h"
 

@@ -76,24 +76,39 @@ std::array<uint8_t, 3> ColorAt(const cv::Mat& bgr, const Keypoint& keypoint) {
   return {color[2], color[1], color[0]};
 }
 
+struct SiftFeatures {
+  std::vector<cv::KeyPoint> keypoints;
+  cv::Mat descriptors;
+};
+
+SiftFeatures FindSift(const cv::Mat& grey, int most, double contrast_threshold,
+                      double edge_threshold) {
+  const cv::Ptr<cv::SIFT> sift =
+      cv::SIFT::create(most, kOctaveLayers, contrast_threshold, edge_threshold, kFirstSigma_px);
+  SiftFeatures found;
+  sift->detectAndCompute(grey, cv::noArray(), found.keypoints, found.descriptors);
+  return found;
+}
+
 ImageFeatures Detect(const cv::Mat& bgr, const FeatureOptions& options) {
   cv::Mat grey;
   cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);
-  const cv::Ptr<cv::SIFT> sift =
-      cv::SIFT::create(options.max_keypoints, kOctaveLayers, options.contrast_threshold,
-                       options.edge_threshold, kFirstSigma_px);
-  std::vector<cv::KeyPoint> found;
-  cv::Mat descriptors;
-  sift->detectAndCompute(grey, cv::noArray(), found, descriptors);
+  SiftFeatures found =
+      FindSift(grey, options.max_keypoints, options.contrast_threshold, options.edge_threshold);
+  const int enough = std::min(options.enough_keypoints, options.max_keypoints);
+  if (static_cast<int>(found.keypoints.size()) < enough &&
+      options.faint_contrast_threshold < options.contrast_threshold) {
+    found = FindSift(grey, enough, options.faint_contrast_threshold, options.edge_threshold);
+  }
 
   ImageFeatures features;
   features.width_px = bgr.cols;
   features.height_px = bgr.rows;
-  for (size_t i : SelectKeypoints(found, static_cast<size_t>(options.max_keypoints))) {
-    const Keypoint keypoint = FromOpenCv(found[i]);
+  for (size_t i : SelectKeypoints(found.keypoints, static_cast<size_t>(options.max_keypoints))) {
+    const Keypoint keypoint = FromOpenCv(found.keypoints[i]);
     features.keypoints.push_back(keypoint);
     features.colors_rgb.push_back(ColorAt(bgr, keypoint));
-    AppendRootSift(descriptors.ptr<float>(static_cast<int>(i)), features.descriptors);
+    AppendRootSift(found.descriptors.ptr<float>(static_cast<int>(i)), features.descriptors);
   }
   return features;
 }
@@ -145,6 +160,13 @@ Status FeatureOptions::Validate() const {
   }
   if (!(contrast_threshold > 0 && contrast_threshold < 1)) {
     return bad("contrast_threshold is " + std::to_string(contrast_threshold) +
+               ", expected more than 0 and less than 1");
+  }
+  if (enough_keypoints < 0) {
+    return bad("enough_keypoints is " + std::to_string(enough_keypoints) + ", expected at least 0");
+  }
+  if (!(faint_contrast_threshold > 0 && faint_contrast_threshold < 1)) {
+    return bad("faint_contrast_threshold is " + std::to_string(faint_contrast_threshold) +
                ", expected more than 0 and less than 1");
   }
   if (!(edge_threshold > 1)) {

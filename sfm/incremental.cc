@@ -442,6 +442,27 @@ Result<IncrementalResult> BuildReconstructions(const IncrementalInput& input,
   return BuildModels(calibrated, options, context);
 }
 
+void AppendModels(std::vector<Reconstruction> others, size_t min_images,
+                  IncrementalResult& result) {
+  for (Reconstruction& other : others) {
+    for (size_t i = 0; i < other.cam_from_model.size(); ++i) {
+      const bool taken =
+          std::any_of(result.models.begin(), result.models.end(),
+                      [&](const Reconstruction& model) { return model.Registered(ImageId(i)); });
+      if (taken) other.cam_from_model[i].reset();
+    }
+    if (RegisteredCount(other) < min_images) continue;
+    for (Point3& point : other.points) {
+      std::erase_if(point.observations,
+                    [&](const Observation& o) { return !other.Registered(o.image); });
+    }
+    std::erase_if(other.points, [](const Point3& p) { return p.observations.size() < 2; });
+    std::erase_if(result.unregistered,
+                  [&](const UnregisteredImage& u) { return other.Registered(u.image); });
+    result.models.push_back(std::move(other));
+  }
+}
+
 Result<IncrementalResult> ExtendReconstruction(const IncrementalInput& input,
                                                const Reconstruction& start,
                                                const IncrementalOptions& options,

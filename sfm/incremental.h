@@ -68,6 +68,10 @@ Result<IncrementalResult> BuildReconstructions(const IncrementalInput& input,
                                                const IncrementalOptions& options,
                                                RunContext& context);
 
+/// Puts models that could not be joined behind those of the result, without the images that it has
+/// already; what is smaller then is left out. Their images are no longer listed as unregistered.
+void AppendModels(std::vector<Reconstruction> others, size_t min_images, IncrementalResult& result);
+
 /// One model taken further: its poses (and lenses) are kept as a start, everything is triangulated
 /// from the input's tracks, images that fit are added and all is adjusted to the end. Images that
 /// stay out or are taken out are listed with the reason. kFailed when too few images are left.

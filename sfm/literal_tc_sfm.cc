@@ -87,13 +87,12 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
       MatchesWithinParts(everything, correction, AllImages(input.features), options.clusters);
   const ViewGraph graph = BuildViewGraph(input.features, consistent);
   const Tracks last = BuildTracks(input.features, consistent, graph);
-  const Reconstruction& start = merged.models.front();
+  const Reconstruction start = merged.models.front();
   ROTUNDA_ASSIGN_OR_RETURN(result.models, ExtendReconstruction({input.features, start.intrinsics,
                                                                 consistent, graph, last},
                                                                start, incremental, context));
-  for (size_t m = 1; m < merged.models.size(); ++m) {
-    result.models.models.push_back(std::move(merged.models[m]));
-  }
+  merged.models.erase(merged.models.begin());
+  AppendModels(std::move(merged.models), incremental.min_model_images, result.models);
   return result;
 }
 

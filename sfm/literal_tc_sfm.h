@@ -33,7 +33,6 @@ struct LiteralOptions {
 struct LiteralResult {
   IncrementalResult models;  // most images first
   Segments segments;
-  std::vector<std::string> notes;
 };
 
 /// Wang et al., III-A to III-D: tracks of the heavy edges, track graph, communities, ambiguous ones

@@ -255,7 +255,14 @@ Result<Built> BuildModels(const Run& run, const FrontEnd& front,
   ROTUNDA_ASSIGN_OR_RETURN(built.tc_sfm,
                            RunTcSfm(input, run.options.tc_sfm, incremental, run.context));
   built.models = std::move(built.tc_sfm->models);
-  ROTUNDA_ASSIGN_OR_RETURN(built.segments, LabelSegments(run, front, *built.tc_sfm));
+  Result<Segments> segments = LabelSegments(run, front, *built.tc_sfm);
+  if (segments.ok()) {
+    built.segments = std::move(*segments);
+  } else if (segments.error().code == ErrorCode::kCancelled) {
+    return segments.error();
+  } else {
+    built.tc_sfm->notes.push_back("no segments: " + segments.error().ToString());
+  }
   return built;
 }
 
@@ -318,7 +325,17 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
 
 }  // namespace
 
-const char* MethodName(Method method) { return method == Method::kPlain ? "plain" : "tc-sfm"; }
+const char* MethodName(Method method) {
+  switch (method) {
+    case Method::kTcSfm:
+      return "tc-sfm";
+    case Method::kLiteral:
+      return "tc-sfm literal";
+    case Method::kPlain:
+      return "plain";
+  }
+  return "";
+}
 
 Result<Stage> StageFromName(std::string_view name) {
   if (name == "features") return Stage::kFeatures;

@@ -17,6 +17,20 @@ std::string SideOf(const Rigid3& cam_from_rig) {
   return azimuth_deg > 0 ? "left" : "right";
 }
 
+/// Cameras far off the calibration were moved or are on the wrong side; without a verdict from the
+/// pictures the worse is assumed.
+void JudgeFarOff(size_t cameras, PoseSummary& summary) {
+  if (cameras == 0) return;
+  if (summary.verdict.empty()) {
+    summary.folded = true;
+  } else if (summary.verdict == VerdictName(Verdict::kSure)) {
+    summary.verdict = VerdictName(Verdict::kUnsure);
+    summary.verdict_reason = std::to_string(cameras) +
+                             " cameras are far from where the calibration has them: moved, or on "
+                             "the wrong side";
+  }
+}
+
 }  // namespace
 
 PoseSet DescribePoses(const FrameSet& set, const IncrementalResult& models,
@@ -66,18 +80,19 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
   poses.aligned_to = calibration.id;
   if (!poses.summary.folded) poses.summary.folded = false;
   double rotation_sum_deg = 0, position_sum_mm = 0;
-  size_t compared = 0;
+  size_t compared = 0, far_off = 0;
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
     CameraPose& pose = poses.cameras[i];
     if (!pose.registered) continue;
     pose.side = SideOf(pose.cam_from_rig);
     pose.vs_calibration = alignment.vs_calibration[i];
     if (!pose.vs_calibration || pose.vs_calibration->swapped_with) continue;
-    if (pose.vs_calibration->rotation_deg > kFoldedRotation_deg) poses.summary.folded = true;
+    far_off += pose.vs_calibration->rotation_deg > kFoldedRotation_deg;
     rotation_sum_deg += pose.vs_calibration->rotation_deg;
     position_sum_mm += pose.vs_calibration->position_mm;
     ++compared;
   }
+  JudgeFarOff(far_off, poses.summary);
   if (compared == 0) return;
   poses.summary.mean_rotation_deg = rotation_sum_deg / static_cast<double>(compared);
   poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);
@@ -85,6 +100,7 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
 
 void AddVerdict(const TcSfmResult& result, PoseSet& poses) {
   poses.summary.verdict = VerdictName(result.verdict);
+  poses.summary.verdict_reason = result.reason;
   if (std::isfinite(result.evidence)) poses.summary.margin = result.evidence;
   poses.summary.folded = result.verdict == Verdict::kFolded;
 }

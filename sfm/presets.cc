@@ -1,5 +1,6 @@
 #include "sfm/presets.h"
 
+#include <cmath>
 #include <cstdlib>
 #include <functional>
 #include <map>
@@ -26,7 +27,7 @@ Setter Number(double& (*field)(PipelineOptions&)) {
     const std::string text(value);
     char* end = nullptr;
     const double number = std::strtod(text.c_str(), &end);
-    if (text.empty() || *end != '\0') return false;
+    if (text.empty() || *end != '\0' || !std::isfinite(number)) return false;
     field(options) = number;
     return true;
   };
@@ -60,6 +61,8 @@ const std::map<std::string, Setter, std::less<>>& Setters() {
       {"literal-bidirectional",
        Switch([](O& o) -> bool& { return o.literal.merging.bidirectional; })},
       {"contrast", Number([](O& o) -> double& { return o.features.contrast_threshold; })},
+      {"faint-contrast",
+       Number([](O& o) -> double& { return o.features.faint_contrast_threshold; })},
   };
   return setters;
 }
@@ -67,13 +70,7 @@ const std::map<std::string, Setter, std::less<>>& Setters() {
 }  // namespace
 
 void ApplyPreset(Preset preset, PipelineOptions& options) {
-  if (preset == Preset::kRig) return;
-  if (preset == Preset::kLiteral) {
-    options.method = Method::kLiteral;
-    return;
-  }
-  options.tc_sfm.consistency.least_sure_weight = 0.02;
-  options.segments.min_diversity = 0.65;
+  if (preset == Preset::kLiteral) options.method = Method::kLiteral;
 }
 
 Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options) {

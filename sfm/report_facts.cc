@@ -235,11 +235,7 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
         "The model is folded: look-alike sides of the subject were laid on one another. Do not "
         "use these poses.");
   }
-  if (summary.verdict == "unsure") {
-    say(Level::kBad,
-        "Unsure: parts of the subject look alike, and nothing in the pictures tells them apart. "
-        "The poses may lay one over the other.");
-  }
+  if (summary.verdict == "unsure") say(Level::kBad, "Unsure: " + summary.verdict_reason + ".");
   if (summary.verdict == "sure" && summary.margin) {
     verdict.details.push_back(LookAlikesToldApart(summary));
   }

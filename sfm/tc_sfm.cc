@@ -51,6 +51,16 @@ struct DraftGroups {
   double gain = 0;
 };
 
+ViewGraph EdgesWithin(const Reconstruction& model, const ViewGraph& graph) {
+  ViewGraph within{graph.images, {}};
+  for (const ViewGraphEdge& edge : graph.edges) {
+    if (model.Registered(edge.pair.first) && model.Registered(edge.pair.second)) {
+      within.edges.push_back(edge);
+    }
+  }
+  return within;
+}
+
 Result<DraftGroups> GroupsOfDraft(State& state, const std::vector<Reconstruction>& models,
                                   const TwoViews& two_views, const ViewGraph& graph) {
   const size_t images = state.input.features.images.size();
@@ -60,7 +70,7 @@ Result<DraftGroups> GroupsOfDraft(State& state, const std::vector<Reconstruction
                                       state.options.covisibility);
     const Covisibility covisibility = counter.CountAll(state.context);
     if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
-    const LookAlikeGroups found = FindLookAlikeGroups(covisibility, graph);
+    const LookAlikeGroups found = FindLookAlikeGroups(covisibility, EdgesWithin(models[m], graph));
     const bool split = found.gain >= state.options.min_gain;
     for (size_t i = 0; i < images; ++i) {
       if (!models[m].Registered(ImageId(i))) continue;
@@ -107,15 +117,21 @@ struct Draft {
 Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
   IncrementalOptions options = incremental;
   options.draft = true;
+  Draft last;
   for (int round = 0;; ++round) {
     Draft draft;
     ROTUNDA_ASSIGN_OR_RETURN(draft.graph, EdgesForDraft(state));
     const Tracks tracks = BuildTracks(state.input.features, state.input.two_views, draft.graph);
     const IncrementalInput input = {state.input.features, state.input.intrinsics,
                                     state.input.two_views, draft.graph, tracks};
-    ROTUNDA_ASSIGN_OR_RETURN(IncrementalResult built,
-                             BuildReconstructions(input, options, state.context));
-    draft.models = std::move(built.models);
+    Result<IncrementalResult> built = BuildReconstructions(input, options, state.context);
+    if (!built.ok() && round > 0 && built.error().code == ErrorCode::kFailed) {
+      state.result.notes.push_back("too little is left without what looks alike: " +
+                                   built.error().message);
+      return last;
+    }
+    if (!built.ok()) return built.error();
+    draft.models = std::move(built->models);
     if (!state.options.unfolding || round >= state.options.max_unfoldings) return draft;
     state.context.Report(kStage, 0, 1);
     ROTUNDA_ASSIGN_OR_RETURN(
@@ -125,6 +141,7 @@ Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
     ++state.result.unfoldings;
     state.result.gain = std::min(state.result.gain, groups.gain);
     Refute(state, draft.models, groups);
+    last = std::move(draft);
   }
 }
 
@@ -147,34 +164,43 @@ Status Join(State& state, Draft& draft) {
   return {};
 }
 
-/// Matches of the pairs with an image outside the model that nothing speaks against: by them the
-/// image may still be placed.
-void AddOpenPairs(const State& state, const Reconstruction& model, const ViewGraph& graph,
-                  TwoViews& two_views) {
-  for (const ViewGraphEdge& edge : graph.edges) {
-    if (model.Registered(edge.pair.first) && model.Registered(edge.pair.second)) continue;
-    two_views.pairs.push_back(state.input.two_views.pairs[edge.two_view]);
+/// The matches of the pairs that may still place an image that is in no model: those of the draft's
+/// edges and, since the poses of the model now judge them, of all edges that no group refuted.
+void AddOpenPairs(const State& state, const Draft& draft, TwoViews& two_views) {
+  const auto in_model = [&](ImageId image) { return draft.models.front().Registered(image); };
+  const auto in_no_model = [&](ImageId image) {
+    return std::none_of(draft.models.begin(), draft.models.end(),
+                        [&](const Reconstruction& model) { return model.Registered(image); });
+  };
+  for (const ViewGraphEdge& edge : NotRefuted(state).edges) {
+    const ImageId first = edge.pair.first, second = edge.pair.second;
+    const bool open = (in_model(first) && in_no_model(second)) ||
+                      (in_no_model(first) && in_model(second)) ||
+                      (in_no_model(first) && in_no_model(second));
+    if (open) two_views.pairs.push_back(state.input.two_views.pairs[edge.two_view]);
   }
   std::sort(two_views.pairs.begin(), two_views.pairs.end(),
-            [](const TwoView& a, const TwoView& b) { return a.pair < b.pair; });
+            [](const TwoView& x, const TwoView& y) { return x.pair < y.pair; });
 }
 
 /// Brings back every match that agrees with the first model, places what is left over and adjusts
-/// everything.
+/// everything; the result's matches are then those that agree with the finished poses.
 Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
   TcSfmResult& result = state.result;
+  const Features& features = state.input.features;
   const Reconstruction& start = draft.models.front();
-  result.two_views = AgreeingMatches(start, state.input.features, state.input.two_views, {});
-  AddOpenPairs(state, start, NotRefuted(state), result.two_views);
-  result.view_graph = BuildViewGraph(state.input.features, result.two_views);
-  const Tracks tracks = BuildTracks(state.input.features, result.two_views, result.view_graph);
-  const IncrementalInput input = {state.input.features, start.intrinsics, result.two_views,
-                                  result.view_graph, tracks};
+  TwoViews two_views = AgreeingMatches(start, features, state.input.two_views, {});
+  AddOpenPairs(state, draft, two_views);
+  const ViewGraph graph = BuildViewGraph(features, two_views);
+  const Tracks tracks = BuildTracks(features, two_views, graph);
+  const IncrementalInput input = {features, start.intrinsics, two_views, graph, tracks};
   ROTUNDA_ASSIGN_OR_RETURN(result.models,
                            ExtendReconstruction(input, start, options, state.context));
-  for (size_t m = 1; m < draft.models.size(); ++m) {
-    result.models.models.push_back(std::move(draft.models[m]));
-  }
+  result.two_views =
+      AgreeingMatches(result.models.models.front(), features, state.input.two_views, {});
+  result.view_graph = BuildViewGraph(features, result.two_views);
+  draft.models.erase(draft.models.begin());
+  AppendModels(std::move(draft.models), options.min_model_images, result.models);
   return {};
 }
 
@@ -206,6 +232,21 @@ std::vector<ImageId> DoubtfulImages(const State& state, const Alternatives& alte
   return doubtful;
 }
 
+/// Why the verdict is not better, or what it rests on.
+std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidence) {
+  if (gain > 0) return "the poses lay different parts of the subject over each other";
+  if (result.evidence < min_evidence) {
+    return "parts of the subject look alike and nothing tells them apart";
+  }
+  if (!result.doubtful.empty()) {
+    return std::to_string(result.doubtful.size()) + " cameras may be on the look-alike side";
+  }
+  if (result.models.models.size() > 1) {
+    return "the reconstruction is in " + std::to_string(result.models.models.size()) + " pieces";
+  }
+  return result.alternatives == 0 ? "nothing looks alike" : "what looks alike was told apart";
+}
+
 /// The test of the drafts on the finished model.
 Status Check(State& state) {
   TcSfmResult& result = state.result;
@@ -224,6 +265,7 @@ Status Check(State& state) {
   result.doubtful = DoubtfulImages(state, alternatives);
   const bool told_apart = result.evidence >= state.options.min_evidence &&
                           result.doubtful.empty() && result.models.models.size() == 1;
+  result.reason = ReasonFor(result, groups.gain, state.options.min_evidence);
   result.verdict = groups.gain > 0 ? Verdict::kFolded
                    : told_apart    ? Verdict::kSure
                                    : Verdict::kUnsure;

@@ -54,12 +54,13 @@ struct TcSfmResult {
   ViewGraph view_graph;
   std::vector<EdgeVerdict> verdicts;  // parallel to the edges of TcSfmInput::view_graph
   Verdict verdict = Verdict::kUnsure;
+  std::string reason;         // of the verdict
   double margin = 0;          // ConsistentViewGraph::margin of the edges that were left in the end
   size_t alternatives = 0;    // images that contradicting matches would put elsewhere
   double evidence = 0;        // Alternatives::evidence_against; infinite without alternatives
   int unfoldings = 0;         // how often a draft was found to be folded
   double gain = 0;            // by which the drafts were found to be folded, least of them
-  double remaining_gain = 0;  // of the result: near 0 when it is not folded
+  double remaining_gain = 0;  // of the result; 0 when it is not folded
   std::vector<double> certainty;  // by ImageId: of its group, where a draft was folded
   /// Images whose heaviest edge of all contradicts their pose: they may be on the wrong side.
   std::vector<ImageId> doubtful;

@@ -99,13 +99,8 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
   std::printf("Registered %zu of %zu cameras, %zu points, mean reprojection error %.3f px%s\n",
               summary.registered, summary.of, summary.points, summary.mean_reprojection_px,
               result.poses.metric ? ", metric in the rig frame" : ", arbitrary scale");
-  if (summary.verdict == "sure") {
-    std::printf("Sure: %s\n",
-                summary.margin ? "what looks alike was told apart" : "nothing looks alike");
-  } else if (summary.verdict == "unsure") {
-    std::printf("UNSURE: parts of the subject look alike and nothing tells them apart\n");
-  } else if (summary.verdict == "folded") {
-    std::printf("FOLDED: the poses lay different parts of the subject over each other\n");
+  if (!summary.verdict.empty()) {
+    std::printf("Verdict: %s: %s\n", summary.verdict.c_str(), summary.verdict_reason.c_str());
   }
   for (const CameraPose& pose : result.poses.cameras) {
     if (!pose.registered) {
@@ -183,13 +178,9 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
       "plain: incremental SfM as it is",
       {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
-  AddChoice<sfm::Preset>(
-      command, "--preset", arguments->preset,
-      "What tc-sfm is set up for: rig (default), internet = unordered photographs, or literal = as "
-      "it was published, to compare with",
-      {{"rig", sfm::Preset::kRig},
-       {"internet", sfm::Preset::kInternet},
-       {"literal", sfm::Preset::kLiteral}});
+  AddChoice<sfm::Preset>(command, "--preset", arguments->preset,
+                         "rig (default), or literal = tc-sfm as it was published, to compare with",
+                         {{"rig", sfm::Preset::kRig}, {"literal", sfm::Preset::kLiteral}});
   command
       ->add_option("--set", arguments->settings,
                    "One option of tc-sfm by its name, for comparisons; a wrong name lists them")

@@ -123,7 +123,10 @@ Json SummaryJson(const PoseSummary& summary) {
   if (summary.mean_position_mm) object["mean_position_mm"] = *summary.mean_position_mm;
   object["ambiguous_communities"] = summary.ambiguous_communities;
   if (summary.folded) object["folded"] = *summary.folded;
-  if (!summary.verdict.empty()) object["verdict"] = summary.verdict;
+  if (!summary.verdict.empty()) {
+    object["verdict"] = summary.verdict;
+    object["verdict_reason"] = summary.verdict_reason;
+  }
   if (summary.margin) object["margin"] = *summary.margin;
   return object;
 }
@@ -152,6 +155,9 @@ PoseSummary ReadSummary(const JsonField& object) {
   summary.ambiguous_communities = object["ambiguous_communities"].Unsigned();
   if (object["folded"].present()) summary.folded = object["folded"].Bool();
   summary.verdict = ReadVerdict(object["verdict"]);
+  if (object["verdict_reason"].present()) {
+    summary.verdict_reason = object["verdict_reason"].String();
+  }
   if (object["margin"].present()) summary.margin = object["margin"].Number();
   return summary;
 }

@@ -62,6 +62,7 @@ struct PoseSummary {
   size_t ambiguous_communities = 0;
   std::optional<bool> folded;  // absent: nothing was at hand to tell
   std::string verdict;         // "sure", "unsure", "folded"; empty: the method gives none
+  std::string verdict_reason;  // one line; empty with the verdict
   /// Log-likelihood (natural) that speaks against everything that looks alike; absent when nothing
   /// does.
   std::optional<double> margin;

@@ -5,7 +5,6 @@ namespace {
 
 const std::vector<std::string> kRig = {"--method", "tc-sfm", "--preset", "rig"};
 const std::vector<std::string> kLiteral = {"--method", "tc-sfm", "--preset", "literal"};
-const std::vector<std::string> kInternet = {"--method", "tc-sfm", "--preset", "internet"};
 const std::vector<std::string> kPlain = {"--method", "plain"};
 
 /// A setting of `rotunda reconstruct --set NAME=VALUE` and what the ablation sets it to.
@@ -19,7 +18,7 @@ constexpr Reading kWithout[] = {
     {"consistent-view-graph", "consistent-view-graph", "off"},
     {"unfolding", "unfolding", "off"},
     {"obstacles", "obstacles", "off"},
-    {"keypoints-of-low-contrast", "contrast", "0.02"},
+    {"faint-keypoints", "faint-contrast", "0.02"},
 };
 /// The published method with one of our readings; the last is a part of it switched off.
 constexpr Reading kLiteralWith[] = {
@@ -72,7 +71,7 @@ std::vector<Cell> PlanCells(const Groups& groups, const CaptureSize& size) {
   if (groups.stress) Add("stress", StressCaptures(size), MainMethods(), cells);
   if (groups.ablation) Add("ablation", AblationCaptures(size), AblationMethods(), cells);
   if (groups.photographs) {
-    Add("photographs", PhotographCaptures(), {{"plain", kPlain}, {"tc-sfm", kInternet}}, cells);
+    Add("photographs", PhotographCaptures(), {{"plain", kPlain}, {"tc-sfm", kRig}}, cells);
   }
   return cells;
 }

@@ -117,6 +117,23 @@ cv::Mat Texture(uint64_t seed, int width, int height) {
   return picture;
 }
 
+// A faint picture is searched again, down to the faint threshold, for as many as are enough; one
+// that has enough at once is left as it is.
+TEST_F(FeaturesTest, FaintPicturesAreSearchedAgain) {
+  cv::Mat faint;
+  Texture(7, 320, 240).convertTo(faint, CV_8UC3, 0.12, 110);
+  Add(Texture(7, 320, 240));
+  Add(faint);
+  const auto once = Build({.enough_keypoints = 0});
+  const auto again = Build({.enough_keypoints = 150});
+  ASSERT_TRUE(once.ok() && again.ok());
+  ASSERT_GT(once->images[0].keypoints.size(), 150u);
+  EXPECT_EQ(again->images[0].keypoints.size(), once->images[0].keypoints.size());
+  ASSERT_LT(once->images[1].keypoints.size(), 100u);
+  EXPECT_GT(again->images[1].keypoints.size(), once->images[1].keypoints.size() + 50);
+  EXPECT_LE(again->images[1].keypoints.size(), 160u) << "those of equal strength may come along";
+}
+
 TEST_F(FeaturesTest, DescriptorsAreRootSiftAndTurnWithThePicture) {
   const cv::Mat texture = Texture(1, 200, 160);
   cv::Mat turned;

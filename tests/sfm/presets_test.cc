@@ -26,16 +26,6 @@ TEST(Presets, TheRigIsTheDefault) {
   EXPECT_EQ(options.segments.min_diversity, defaults.segments.min_diversity);
 }
 
-TEST(Presets, PhotographsFromTheInternetHaveLighterEdges) {
-  PipelineOptions options;
-  ApplyPreset(Preset::kInternet, options);
-  EXPECT_EQ(options.method, Method::kTcSfm);
-  EXPECT_LT(options.tc_sfm.consistency.least_sure_weight,
-            PipelineOptions().tc_sfm.consistency.least_sure_weight);
-  EXPECT_EQ(options.segments.min_diversity, 0.65);  // tau_gs of the paper, III-B
-  EXPECT_TRUE(options.tc_sfm.Validate().ok());
-}
-
 TEST(Presets, LiteralIsThePapersReading) {
   PipelineOptions options;
   ApplyPreset(Preset::kLiteral, options);
@@ -80,6 +70,7 @@ TEST(SetOption, NumbersAreReadToTheirEnd) {
       {"reprojection-weight", &options.tc_sfm.merging.reprojection_weight},
       {"literal-reprojection-weight", &options.literal.merging.reprojection_weight},
       {"contrast", &options.features.contrast_threshold},
+      {"faint-contrast", &options.features.faint_contrast_threshold},
   };
   for (const auto& [key, field] : numbers) {
     ASSERT_TRUE(SetOption(key, "0.125", options).ok()) << key;
