@@ -5,38 +5,12 @@
 #include <set>
 
 #include "sfm/absolute_pose.h"
+#include "sfm/model_links.h"
 
 namespace rotunda::sfm {
 namespace {
 
 constexpr uint32_t kMinExpected = 6;
-
-/// By image and keypoint: the place of the point it observes, or none.
-class PointOfKeypoint {
- public:
-  PointOfKeypoint(const Reconstruction& model, const Features& features) {
-    for (const ImageFeatures& image : features.images) {
-      places_.emplace_back(image.keypoints.size(), kNone);
-    }
-    for (size_t p = 0; p < model.points.size(); ++p) {
-      for (const Observation& o : model.points[p].observations) {
-        places_[o.image.index()][o.keypoint.index()] = p;
-      }
-    }
-  }
-  size_t CountOf(ImageId image) const {
-    const std::vector<size_t>& places = places_[image.index()];
-    return places.size() - static_cast<size_t>(std::count(places.begin(), places.end(), kNone));
-  }
-  std::optional<size_t> Find(ImageId image, KeypointId keypoint) const {
-    const size_t place = places_[image.index()][keypoint.index()];
-    return place == kNone ? std::nullopt : std::optional<size_t>(place);
-  }
-
- private:
-  static constexpr size_t kNone = SIZE_MAX;
-  std::vector<std::vector<size_t>> places_;
-};
 
 /// A keypoint and a point of the model that a contradicting match ties it to.
 struct Tie {
@@ -47,8 +21,8 @@ struct Tie {
 
 std::vector<std::vector<Tie>> ContradictingTies(const Reconstruction& model,
                                                 const Features& features, const TwoViews& two_views,
-                                                const TwoViews& agreeing,
-                                                const PointOfKeypoint& points) {
+                                                const TwoViews& agreeing) {
+  const PointIndex points(features, model);
   std::vector<std::vector<Tie>> ties(features.images.size());
   auto kept = agreeing.pairs.begin();
   for (const TwoView& view : two_views.pairs) {
@@ -97,7 +71,7 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
   }
   std::set<KeypointId> fitting;
   for (const size_t i : pose->inliers) fitting.insert(keypoints[i]);
-  return AlternativePose{image, pose->cam_from_model, fitting.size(), 0};
+  return AlternativePose{image, pose->cam_from_model, fitting.size()};
 }
 
 double EvidenceAgainst(const std::vector<MeetingCount>& regions) {
@@ -129,29 +103,32 @@ Alternatives FindAlternatives(const Reconstruction& model, const Features& featu
                               const TwoViews& two_views, const TwoViews& agreeing,
                               const CovisibilityOptions& covisibility,
                               const AlternativeOptions& options, RunContext& context) {
-  const PointOfKeypoint points(model, features);
   const std::vector<std::vector<Tie>> ties =
-      ContradictingTies(model, features, two_views, agreeing, points);
+      ContradictingTies(model, features, two_views, agreeing);
   std::vector<std::optional<AlternativePose>> poses(ties.size());
-  context.threads.ParallelFor(ties.size(), [&](size_t i) {
-    if (ties[i].size() < options.min_inliers) return;
-    poses[i] = FindPose(model, features, ImageId(i), ties[i], options, context.seed);
-  });
+  context.threads.ParallelFor(
+      ties.size(),
+      [&](size_t i) {
+        if (ties[i].size() < options.min_inliers) return;
+        poses[i] = FindPose(model, features, ImageId(i), ties[i], options, context.seed);
+      },
+      context.stop);
   Alternatives alternatives;
   for (const auto& pose : poses) {
-    if (!pose) continue;
-    alternatives.poses.push_back(*pose);
-    alternatives.poses.back().observations = points.CountOf(pose->image);
+    if (pose) alternatives.poses.push_back(*pose);
   }
   const ViewGraph everything = BuildViewGraph(features, two_views);
   const CovisibilityCounter counter(model, features, two_views, everything, covisibility);
   std::vector<std::vector<MeetingCount>> counts(alternatives.poses.size());
-  context.threads.ParallelFor(counts.size(), [&](size_t a) {
-    AlternativePose& pose = alternatives.poses[a];
-    counts[a] = counter.CountAt(pose.image, pose.cam_from_model);
-    const Rigid3& own = *model.cam_from_model[pose.image.index()];
-    pose.evidence_against = Missed(counter.CountAt(pose.image, own)) - Missed(counts[a]);
-  });
+  context.threads.ParallelFor(
+      counts.size(),
+      [&](size_t a) {
+        AlternativePose& pose = alternatives.poses[a];
+        counts[a] = counter.CountAt(pose.image, pose.cam_from_model);
+        const Rigid3& own = *model.cam_from_model[pose.image.index()];
+        pose.evidence_against = Missed(counter.CountAt(pose.image, own)) - Missed(counts[a]);
+      },
+      context.stop);
   std::vector<MeetingCount> total;
   for (const std::vector<MeetingCount>& of_image : counts) {
     total.resize(of_image.size());

@@ -29,7 +29,7 @@ ViewGraph VotingEdges(const ViewGraph& graph, const TwoViews& two_views) {
   return voting;
 }
 
-/// Connected images with their rotations in a frame of their own.
+/// Connected images; their rotations are in one frame, the piece's own.
 struct Piece {
   std::vector<size_t> images;
 };

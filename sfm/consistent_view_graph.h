@@ -23,16 +23,16 @@ struct ConsistentViewGraph {
   std::vector<EdgeVerdict> verdicts;  // parallel to ViewGraph::edges
   /// By ImageId, in a frame of each connected component's own; nullopt: image without an edge.
   std::vector<std::optional<Eigen::Quaterniond>> cam_from_world;
-  /// Lightest edge of the maximum spanning tree / heaviest edge far off the tree's rotations;
-  /// infinite when nothing contradicts the tree. Below `trusted_margin` the graph alone does not
-  /// tell look-alike sides apart.
+  /// Lightest edge of the maximum spanning tree / heaviest edge far off the rotations; infinite
+  /// when nothing contradicts them. Below `trusted_margin` the graph alone does not tell look-alike
+  /// sides apart.
   double margin = 0;
   bool trusted = false;
   double min_sure_weight = 0;  // the adaptive tau_w
 };
 
 struct ConsistencyOptions {
-  double far_rad = RadFromDeg(30.0);   // off the tree's rotations: dropped before any averaging
+  double far_rad = RadFromDeg(30.0);   // off the joined rotations: dropped before any averaging
   double off_rad = RadFromDeg(15.0);   // off the first average: dropped before the second
   double agree_rad = RadFromDeg(8.0);  // of the second average: kept
   double trusted_margin = 1.2;
@@ -42,9 +42,10 @@ struct ConsistencyOptions {
   Status Validate() const;
 };
 
-/// Rotations along the maximum spanning tree by weight, then robust averaging (IRLS with L1/2
-/// weights; Chatterjee & Govindu, PAMI 2018) of the edges that are not far off it. The tree comes
-/// first because crossed pairs are light, although many: a consensus of all edges folds. Panoramic
+/// Rotations piece by piece in the order of the maximum spanning tree, two pieces joined by the
+/// consensus of all edges between them, then robust averaging (IRLS with L1/2 weights; Chatterjee &
+/// Govindu, PAMI 2018) of the edges that are not far off. Heavy edges come first because crossed
+/// pairs tend to be light, although many: a consensus of all edges folds. Panoramic
 /// pairs have no part in it. Edges that hold the sure part together stay sure however light.
 Result<ConsistentViewGraph> BuildConsistentViewGraph(const ViewGraph& graph,
                                                      const TwoViews& two_views,

@@ -48,6 +48,7 @@ Result<ViewGraph> EdgesForDraft(State& state) {
 struct DraftGroups {
   std::vector<int> model_of_image;  // kNoGroup: in none
   std::vector<int> group_of_image;
+  std::vector<double> certainty;  // LookAlikeGroups::certainty, infinite where nothing is split
   double gain = 0;
 };
 
@@ -61,10 +62,11 @@ ViewGraph EdgesWithin(const Reconstruction& model, const ViewGraph& graph) {
   return within;
 }
 
-Result<DraftGroups> GroupsOfDraft(State& state, const std::vector<Reconstruction>& models,
+Result<DraftGroups> GroupsOfDraft(const State& state, const std::vector<Reconstruction>& models,
                                   const TwoViews& two_views, const ViewGraph& graph) {
   const size_t images = state.input.features.images.size();
-  DraftGroups groups{std::vector<int>(images, kNoGroup), std::vector<int>(images, kNoGroup), 0};
+  DraftGroups groups{std::vector<int>(images, kNoGroup), std::vector<int>(images, kNoGroup),
+                     std::vector<double>(images, std::numeric_limits<double>::infinity()), 0};
   for (size_t m = 0; m < models.size(); ++m) {
     const CovisibilityCounter counter(models[m], state.input.features, two_views, graph,
                                       state.options.covisibility);
@@ -76,8 +78,7 @@ Result<DraftGroups> GroupsOfDraft(State& state, const std::vector<Reconstruction
       if (!models[m].Registered(ImageId(i))) continue;
       groups.model_of_image[i] = static_cast<int>(m);
       groups.group_of_image[i] = split ? found.of_image[i] : 0;
-      if (split)
-        state.result.certainty[i] = std::min(state.result.certainty[i], found.certainty[i]);
+      if (split) groups.certainty[i] = found.certainty[i];
     }
     if (split) groups.gain = std::max(groups.gain, found.gain);
   }
@@ -140,6 +141,9 @@ Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
     if (groups.gain == 0) return draft;
     ++state.result.unfoldings;
     state.result.gain = std::min(state.result.gain, groups.gain);
+    for (size_t i = 0; i < groups.certainty.size(); ++i) {
+      state.result.certainty[i] = std::min(state.result.certainty[i], groups.certainty[i]);
+    }
     Refute(state, draft.models, groups);
     last = std::move(draft);
   }
@@ -251,14 +255,13 @@ std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidenc
 Status Check(State& state) {
   TcSfmResult& result = state.result;
   const std::vector<Reconstruction> last = {result.models.models.front()};
-  std::vector<double> certainty = result.certainty;
   ROTUNDA_ASSIGN_OR_RETURN(const DraftGroups groups,
                            GroupsOfDraft(state, last, result.two_views, result.view_graph));
-  result.certainty = std::move(certainty);
   result.remaining_gain = groups.gain;
   const Alternatives alternatives =
       FindAlternatives(last.front(), state.input.features, state.input.two_views, result.two_views,
                        state.options.covisibility, {}, state.context);
+  if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
   result.alternatives = alternatives.poses.size();
   result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
                                                : alternatives.evidence_against;

@@ -62,7 +62,8 @@ struct TcSfmResult {
   double gain = 0;            // by which the drafts were found to be folded, least of them
   double remaining_gain = 0;  // of the result; 0 when it is not folded
   std::vector<double> certainty;  // by ImageId: of its group, where a draft was folded
-  /// Images whose heaviest edge of all contradicts their pose: they may be on the wrong side.
+  /// Images that may be on the wrong side: their heaviest edge of all contradicts their pose and
+  /// what they fail to meet does not decide for it, or it decides for the alternative.
   std::vector<ImageId> doubtful;
   std::vector<std::string> notes;
 };

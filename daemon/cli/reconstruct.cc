@@ -49,7 +49,11 @@ Result<std::optional<Calibration>> FindCalibration(const ReconstructArguments& a
 Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
   sfm::PipelineOptions options;
   options.method = arguments.method;
-  if (options.method == sfm::Method::kTcSfm) sfm::ApplyPreset(arguments.preset, options);
+  if (options.method == sfm::Method::kPlain && arguments.preset != sfm::Preset::kRig) {
+    return Error{ErrorCode::kInvalidArgument, "presets are of --method tc-sfm, not of plain",
+                 "--preset"};
+  }
+  sfm::ApplyPreset(arguments.preset, options);
   for (const std::string& setting : arguments.settings) {
     const size_t equals = std::min(setting.find('='), setting.size());
     const std::string value = setting.substr(std::min(equals + 1, setting.size()));
@@ -204,12 +208,13 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
   CLI::Option* stages =
       command
           ->add_option("--stages", arguments->stages,
-                       "Folder to which features, matches, two-view geometries and tracks are "
-                       "written")
+                       "Folder to which features, matches, two-view geometries and, with "
+                       "--method plain, tracks are written")
           ->type_name("DIR");
   command
       ->add_option("--start-from", arguments->start_from,
-                   "Read the products up to this one from --stages instead of making them")
+                   "Read the products up to this one from --stages instead of making them; tracks "
+                   "only with --method plain")
       ->check(CLI::IsMember({"features", "matches", "two-views", "tracks"}))
       ->needs(stages);
   AddSeed(command, arguments->seed, "Seed of all random sampling");

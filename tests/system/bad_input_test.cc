@@ -212,6 +212,11 @@ const std::vector<Row>& Rows() {
          return Arguments{set, "--set", "obstacles=on", "--set", "reprojection-weight=heavy"};
        },
        {"reprojection-weight", "'heavy'", "expected"}},
+      {"PresetForTheMethodThatHasNone",
+       [](Folder, Folder set) {
+         return Arguments{set, "--method", "plain", "--preset", "literal"};
+       },
+       {"--preset", "tc-sfm", "plain"}},
       {"TracksForAMethodThatBuildsItsOwn",
        [](Folder folder, Folder set) {
          fs::create_directory(folder / "stages");
