@@ -1,11 +1,13 @@
 #include "sfm/tc_sfm.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
 #include "sfm/agreeing_matches.h"
 #include "sfm/alternative_poses.h"
+#include "sfm/camera_ring.h"
 #include "sfm/tracks.h"
 #include "sfm/unfolding.h"
 
@@ -236,9 +238,26 @@ std::vector<ImageId> DoubtfulImages(const State& state, const Alternatives& alte
   return doubtful;
 }
 
+/// The gap in a ring of cameras that should have none: a whole fold, whose sides show nothing that
+/// could contradict it, looks like this.
+std::optional<double> GapInRing_deg(const Reconstruction& model, const TcSfmOptions& options) {
+  if (!options.max_gap_deg) return std::nullopt;
+  const std::optional<CameraRing> ring = FindCameraRing(model);
+  const double gap_deg = ring ? DegFromRad(ring->widest_gap_rad) : 360.0;
+  return gap_deg > *options.max_gap_deg ? std::optional(gap_deg) : std::nullopt;
+}
+
+std::string GapReason(double gap_deg) {
+  return "no camera stands in " + std::to_string(std::lround(gap_deg)) +
+         " of the 360 deg around the subject, as in a folded reconstruction (of cameras that do "
+         "not surround it, --preset internet)";
+}
+
 /// Why the verdict is not better, or what it rests on.
-std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidence) {
+std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidence,
+                      const std::optional<double>& gap_deg) {
   if (gain > 0) return "the poses lay different parts of the subject over each other";
+  if (gap_deg) return GapReason(*gap_deg);
   if (result.evidence < min_evidence) {
     return "parts of the subject look alike and nothing tells them apart";
   }
@@ -266,9 +285,10 @@ Status Check(State& state) {
   result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
                                                : alternatives.evidence_against;
   result.doubtful = DoubtfulImages(state, alternatives);
-  const bool told_apart = result.evidence >= state.options.min_evidence &&
+  const std::optional<double> gap_deg = GapInRing_deg(last.front(), state.options);
+  const bool told_apart = result.evidence >= state.options.min_evidence && !gap_deg &&
                           result.doubtful.empty() && result.models.models.size() == 1;
-  result.reason = ReasonFor(result, groups.gain, state.options.min_evidence);
+  result.reason = ReasonFor(result, groups.gain, state.options.min_evidence, gap_deg);
   result.verdict = groups.gain > 0 ? Verdict::kFolded
                    : told_apart    ? Verdict::kSure
                                    : Verdict::kUnsure;
@@ -310,6 +330,11 @@ Status TcSfmOptions::Validate() const {
   if (!(min_evidence >= 0)) {
     return Error{ErrorCode::kInvalidArgument,
                  std::to_string(min_evidence) + " is out of range, expected >= 0", "min_evidence"};
+  }
+  if (max_gap_deg && !(*max_gap_deg > 0 && *max_gap_deg <= 360)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(*max_gap_deg) + " is out of range, expected above 0 to 360",
+                 "max_gap_deg"};
   }
   if (!(min_gain > 0)) {
     return Error{ErrorCode::kInvalidArgument,
