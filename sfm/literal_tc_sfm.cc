@@ -18,13 +18,6 @@ ViewGraph HeavyEdges(const ViewGraph& graph, double min_weight) {
   return heavy;
 }
 
-/// No edge is judged by the others in the paper.
-ConsistentViewGraph NothingRejected(const ViewGraph& graph) {
-  ConsistentViewGraph consistent;
-  consistent.verdicts.assign(graph.edges.size(), EdgeVerdict::kSure);
-  return consistent;
-}
-
 Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input, const Tracks& tracks,
                               const LiteralOptions& options, RunContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<Superpixels> superpixels,
@@ -34,8 +27,9 @@ Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input, cons
       BuildTrackGraph(input.features, tracks, superpixels, options.track_graph);
   ROTUNDA_ASSIGN_OR_RETURN(const Communities communities,
                            BuildCommunities(graph.graph, options.communities));
-  const ConsistentViewGraph consistent = NothingRejected(input.view_graph);
-  return BuildSegments({input.features, input.two_views, input.view_graph, consistent, tracks,
+  // No edge is judged by the others in the paper.
+  const std::vector<EdgeVerdict> verdicts(input.view_graph.edges.size(), EdgeVerdict::kAgrees);
+  return BuildSegments({input.features, input.two_views, input.view_graph, verdicts, tracks,
                         superpixels, graph, communities},
                        options.segments);
 }

@@ -227,9 +227,7 @@ Result<Segments> LabelSegments(const Run& run, const FrontEnd& front, const TcSf
       BuildTrackGraph(front.features, tracks, superpixels, run.options.track_graph);
   ROTUNDA_ASSIGN_OR_RETURN(const Communities communities,
                            BuildCommunities(graph.graph, run.options.communities));
-  ConsistentViewGraph consistent;
-  consistent.verdicts = result.verdicts;
-  return BuildSegments({front.features, front.two_views, front.view_graph, consistent, tracks,
+  return BuildSegments({front.features, front.two_views, front.view_graph, result.verdicts, tracks,
                         superpixels, graph, communities},
                        run.options.segments);
 }

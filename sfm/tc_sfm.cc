@@ -42,8 +42,7 @@ Result<ViewGraph> EdgesForDraft(State& state) {
   ROTUNDA_ASSIGN_OR_RETURN(
       const ConsistentViewGraph consistent,
       BuildConsistentViewGraph(left, state.input.two_views, state.options.consistency));
-  state.result.margin = consistent.margin;
-  return EdgesThatAgree(left, consistent, EdgeVerdict::kWeak);
+  return EdgesThatAgree(left, consistent);
 }
 
 /// Group of every image over all models of a draft: no two models share a group.
@@ -141,8 +140,6 @@ Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
         const DraftGroups groups,
         GroupsOfDraft(state, draft.models, state.input.two_views, draft.graph));
     if (groups.gain == 0) return draft;
-    ++state.result.unfoldings;
-    state.result.gain = std::min(state.result.gain, groups.gain);
     for (size_t i = 0; i < groups.certainty.size(); ++i) {
       state.result.certainty[i] = std::min(state.result.certainty[i], groups.certainty[i]);
     }
@@ -267,7 +264,7 @@ std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidenc
   if (result.models.models.size() > 1) {
     return "the reconstruction is in " + std::to_string(result.models.models.size()) + " pieces";
   }
-  return result.alternatives == 0 ? "nothing looks alike" : "what looks alike was told apart";
+  return std::isinf(result.evidence) ? "nothing looks alike" : "what looks alike was told apart";
 }
 
 /// The test of the drafts on the finished model.
@@ -276,12 +273,10 @@ Status Check(State& state) {
   const std::vector<Reconstruction> last = {result.models.models.front()};
   ROTUNDA_ASSIGN_OR_RETURN(const DraftGroups groups,
                            GroupsOfDraft(state, last, result.two_views, result.view_graph));
-  result.remaining_gain = groups.gain;
   const Alternatives alternatives =
       FindAlternatives(last.front(), state.input.features, state.input.two_views, result.two_views,
                        state.options.covisibility, {}, state.context);
   if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
-  result.alternatives = alternatives.poses.size();
   result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
                                                : alternatives.evidence_against;
   result.doubtful = DoubtfulImages(state, alternatives);
@@ -298,7 +293,7 @@ Status Check(State& state) {
 std::vector<EdgeVerdict> VerdictsOf(const TcSfmInput& input, const TcSfmResult& result) {
   std::vector<EdgeVerdict> verdicts;
   for (const ViewGraphEdge& edge : input.view_graph.edges) {
-    verdicts.push_back(HasPair(result.two_views, edge.pair) ? EdgeVerdict::kSure
+    verdicts.push_back(HasPair(result.two_views, edge.pair) ? EdgeVerdict::kAgrees
                                                             : EdgeVerdict::kRejected);
   }
   return verdicts;
@@ -346,11 +341,10 @@ Status TcSfmOptions::Validate() const {
 Result<TcSfmResult> RunTcSfm(const TcSfmInput& input, const TcSfmOptions& options,
                              const IncrementalOptions& incremental, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
-  const double infinite = std::numeric_limits<double>::infinity();
   State state = {
       input, options, context, std::vector<bool>(input.view_graph.edges.size(), false), {}};
-  state.result.gain = infinite;
-  state.result.certainty.assign(input.features.images.size(), infinite);
+  state.result.certainty.assign(input.features.images.size(),
+                                std::numeric_limits<double>::infinity());
   ROTUNDA_ASSIGN_OR_RETURN(Draft draft, BuildDraft(state, incremental));
   ROTUNDA_RETURN_IF_ERROR(Join(state, draft));
   ROTUNDA_RETURN_IF_ERROR(Complete(state, draft, incremental));

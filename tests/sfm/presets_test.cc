@@ -21,8 +21,7 @@ TEST(Presets, TheRigIsTheDefault) {
   ApplyPreset(Preset::kRig, options);
   const PipelineOptions defaults;
   EXPECT_EQ(options.method, Method::kTcSfm);
-  EXPECT_EQ(options.tc_sfm.consistency.least_sure_weight,
-            defaults.tc_sfm.consistency.least_sure_weight);
+  EXPECT_EQ(options.tc_sfm.max_gap_deg, defaults.tc_sfm.max_gap_deg);
   EXPECT_EQ(options.segments.min_diversity, defaults.segments.min_diversity);
 }
 
