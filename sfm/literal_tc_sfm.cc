@@ -67,15 +67,12 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
       const Correction correction,
       BuildCorrection(everything, result.segments, options.correction, context));
   ROTUNDA_ASSIGN_OR_RETURN(
-      ClusterReconstructions clusters,
+      std::vector<Reconstruction> models,
       BuildClusterReconstructions(everything, correction, options.clusters, incremental, context));
-  if (clusters.models.empty()) {
-    return Error{ErrorCode::kFailed, "no cluster of pictures gives a model", "correction"};
-  }
   context.Report("merging", 0, 1);
   ROTUNDA_ASSIGN_OR_RETURN(MergeResult merged,
                            MergeModels({input.features, input.two_views, input.view_graph},
-                                       std::move(clusters.models), options.merging, context));
+                                       std::move(models), options.merging, context));
 
   const TwoViews consistent =
       MatchesWithinParts(everything, correction, AllImages(input.features), options.clusters);

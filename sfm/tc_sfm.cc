@@ -150,8 +150,8 @@ Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
 
 /// What is left when drafts could not be joined to the first.
 void NoteRefusals(const MergeResult& merged, TcSfmResult& result) {
-  for (const MergeAttempt& refusal : merged.refusals) {
-    result.notes.push_back("two pieces of the reconstruction were not joined: " + refusal.refusal);
+  for (const std::string& refusal : merged.refusals) {
+    result.notes.push_back("two pieces of the reconstruction were not joined: " + refusal);
   }
 }
 
