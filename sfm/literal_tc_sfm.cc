@@ -1,5 +1,7 @@
 #include "sfm/literal_tc_sfm.h"
 
+#include <string>
+
 #include "sfm/disjoint_sets.h"
 #include "sfm/tracks.h"
 
@@ -43,7 +45,13 @@ std::vector<ImageId> AllImages(const Features& features) {
 }  // namespace
 
 Status LiteralOptions::Validate() const {
+  if (!(min_edge_weight >= 0)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(min_edge_weight) + " is out of range, expected >= 0",
+                 "min_edge_weight"};
+  }
   ROTUNDA_RETURN_IF_ERROR(superpixels.Validate());
+  ROTUNDA_RETURN_IF_ERROR(track_graph.Validate());
   ROTUNDA_RETURN_IF_ERROR(communities.Validate());
   ROTUNDA_RETURN_IF_ERROR(segments.Validate());
   ROTUNDA_RETURN_IF_ERROR(correction.Validate());

@@ -156,6 +156,10 @@ TEST_F(SuperpixelsTest, AReducedMapIsAskedInPicturePixels) {
   }
   EXPECT_EQ(map.LabelAt(-3, -0.1F), label(0, 0));
   EXPECT_EQ(map.LabelAt(800, 1e6F), label(199, 149));
+  constexpr float kInfinite = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(map.LabelAt(1e30F, kInfinite), label(199, 149));
+  EXPECT_EQ(map.LabelAt(-kInfinite, -1e30F), label(0, 0));
+  EXPECT_EQ(map.LabelAt(std::nanf(""), 1e30F), label(0, 149));
 }
 
 TEST_F(SuperpixelsTest, FramesWithoutPictureHaveNoLabels) {
