@@ -192,7 +192,7 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
        {"literal", sfm::Preset::kLiteral}});
   command
       ->add_option("--set", arguments->settings,
-                   "One option of tc-sfm by its name, for comparisons; a wrong name lists them")
+                   "One option of the method by its name, for comparisons; a wrong name lists them")
       ->type_name("NAME=VALUE");
   AddChoice<sfm::PairSelection>(
       command, "--pairs", arguments->pairs,
