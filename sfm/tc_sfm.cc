@@ -99,7 +99,7 @@ void Refute(State& state, const std::vector<Reconstruction>& models, const Draft
   const std::vector<ViewGraphEdge>& edges = state.input.view_graph.edges;
   for (size_t m = 0; m < models.size(); ++m) {
     const TwoViews agreeing =
-        AgreeingMatches(models[m], state.input.features, state.input.two_views, {});
+        AgreeingMatches(models[m], state.input.features, state.input.two_views, {}, state.context);
     for (size_t e = 0; e < edges.size(); ++e) {
       const size_t i = edges[e].pair.first.index(), j = edges[e].pair.second.index();
       if (groups.model_of_image[i] != static_cast<int>(m)) continue;
@@ -192,15 +192,15 @@ Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
   TcSfmResult& result = state.result;
   const Features& features = state.input.features;
   const Reconstruction& start = draft.models.front();
-  TwoViews two_views = AgreeingMatches(start, features, state.input.two_views, {});
+  TwoViews two_views = AgreeingMatches(start, features, state.input.two_views, {}, state.context);
   AddOpenPairs(state, draft, two_views);
   const ViewGraph graph = BuildViewGraph(features, two_views);
   const Tracks tracks = BuildTracks(features, two_views, graph);
   const IncrementalInput input = {features, start.intrinsics, two_views, graph, tracks};
   ROTUNDA_ASSIGN_OR_RETURN(result.models,
                            ExtendReconstruction(input, start, options, state.context));
-  result.two_views =
-      AgreeingMatches(result.models.models.front(), features, state.input.two_views, {});
+  result.two_views = AgreeingMatches(result.models.models.front(), features, state.input.two_views,
+                                     {}, state.context);
   result.view_graph = BuildViewGraph(features, result.two_views);
   draft.models.erase(draft.models.begin());
   AppendModels(std::move(draft.models), options.min_model_images, result.models);
