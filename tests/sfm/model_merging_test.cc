@@ -14,23 +14,17 @@ namespace rotunda::sfm {
 namespace {
 
 using test::AddLookAlikePair;
+using test::Columns;
 using test::ErrorsOf;
 using test::EstimateTwoViews;
 using test::KeepPairs;
+using test::kRingImages;
 using test::MakePartialModel;
 using test::MakeSyntheticWorld;
 using test::SyntheticOptions;
 using test::SyntheticWorld;
 
 constexpr uint64_t kSeed = 7;
-constexpr size_t kImages = 24;  // 12 columns of 2
-
-/// The images of `columns` columns from `first` on, around the ring.
-std::vector<ImageId> Columns(size_t first, size_t columns) {
-  std::vector<ImageId> images;
-  for (size_t k = 0; k < 2 * columns; ++k) images.push_back(ImageId((2 * first + k) % kImages));
-  return images;
-}
 
 class ModelMergingTest : public ::testing::Test {
  protected:
@@ -97,7 +91,7 @@ class ModelMergingTest : public ::testing::Test {
     size_t count = 0;
     for (const size_t step : {12, 13, 11, 14, 10}) {
       for (size_t i = 0; i < 12 && count < most; ++i) {
-        if (i + step < 12 || i + step >= kImages) continue;
+        if (i + step < 12 || i + step >= kRingImages) continue;
         count += AddLookAlikePair(world_, ImageId(i), ImageId(i + step));
       }
     }
