@@ -2,8 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
+#include <string>
 
 #include "tests/support/look_alike_world.h"
 #include "tests/support/process.h"

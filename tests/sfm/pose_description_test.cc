@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -97,7 +97,11 @@ struct Aligned {
       alignment.vs_calibration.push_back(VsCalibration{0.1, 2.0});
     }
   }
-  void Add() { AddCalibrationFigures(alignment, Calibration{.id = "cal-7"}, poses); }
+  void Add() {
+    Calibration calibration;
+    calibration.id = "cal-7";
+    AddCalibrationFigures(alignment, calibration, poses);
+  }
 
   PoseSet poses;
   RigAlignment alignment;
@@ -203,14 +207,17 @@ TEST(AddSegments, HaveTheSideOfMostOfTheirCameras) {
     poses.cameras.emplace_back().side = side;
   }
   Segments segments;
-  segments.segments.resize(4);
-  segments.segments[0] = {.ambiguous = true,
-                          .look_alikes = {3, 1, 0},
-                          .images = {ImageId(0), ImageId(1), ImageId(2)},
-                          .tracks = 70};
-  segments.segments[1] = {.ambiguous = true, .tracks = 9};  // no camera is related to it
-  segments.segments[2] = {.images = {ImageId(4)}, .tracks = 40};
-  segments.segments[3] = {.ambiguous = true, .images = {ImageId(2), ImageId(3)}, .tracks = 50};
+  const auto add = [&](bool ambiguous, size_t tracks, const std::vector<size_t>& images) {
+    Segment& segment = segments.segments.emplace_back();
+    segment.ambiguous = ambiguous;
+    segment.tracks = tracks;
+    for (const size_t image : images) segment.images.push_back(ImageId(image));
+  };
+  add(true, 70, {0, 1, 2});
+  add(true, 9, {});  // no camera is related to it
+  add(false, 40, {4});
+  add(true, 50, {2, 3});
+  segments.segments[0].look_alikes = {3, 1, 0};
   AddSegments(segments, poses);
 
   ASSERT_EQ(poses.segments.size(), 3u);
