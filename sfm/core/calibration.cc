@@ -40,6 +40,38 @@ CalibratedCamera ReadCamera(const JsonField& object) {
   return camera;
 }
 
+Json FaceJson(const CalibratedFace& face) {
+  Json object;
+  object["face"] = face.face;
+  object["board_from_face"] = Rigid3Json(face.board_from_face);
+  object["bow_m"] = {face.bow_m.x(), face.bow_m.y()};
+  return object;
+}
+
+CalibratedFace ReadFace(const JsonField& object) {
+  CalibratedFace face;
+  face.face = object["face"].String();
+  if (face.face.empty()) object["face"].Refuse("a face's name");
+  face.board_from_face = ReadRigid3(object["board_from_face"]);
+  const std::vector<double> bow_m = object["bow_m"].Numbers(2);
+  face.bow_m = Eigen::Vector2d(bow_m[0], bow_m[1]);
+  return face;
+}
+
+std::vector<CalibratedFace> ReadFaces(const JsonField& board) {
+  std::vector<CalibratedFace> faces;
+  std::map<std::string, size_t> places;
+  for (const JsonField& item : board["faces"].Items()) {
+    faces.push_back(ReadFace(item));
+    const auto [place, is_new] = places.emplace(faces.back().face, places.size());
+    if (!is_new) {
+      item["face"].Fail("face \"" + place->first + "\" is already board.faces[" +
+                        std::to_string(place->second) + "]");
+    }
+  }
+  return faces;
+}
+
 CalibrationSource ReadSource(const JsonField& field) {
   const std::string text = field.String();
   for (const auto& [source, name] : kSources) {
@@ -72,6 +104,9 @@ std::string CalibrationToJson(const Calibration& calibration) {
   for (const CalibratedCamera& camera : calibration.cameras) {
     root["cameras"].push_back(CameraJson(camera));
   }
+  for (const CalibratedFace& face : calibration.board) {
+    root["board"]["faces"].push_back(FaceJson(face));
+  }
   return JsonText(root);
 }
 
@@ -93,6 +128,7 @@ Result<Calibration> CalibrationFromJson(const std::string& text, const std::stri
                           std::to_string(place->second) + "]");
     }
   }
+  if (root["board"].present()) calibration.board = ReadFaces(root["board"]);
   ROTUNDA_RETURN_IF_ERROR(reader.status());
   std::sort(calibration.cameras.begin(), calibration.cameras.end(), ByName);
   return calibration;
