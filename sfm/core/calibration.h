@@ -20,13 +20,35 @@ struct PoseSigma {
   std::optional<double> focal_px;
 };
 
+/// Covariance of one pose: turn (left tangent of cam_from_rig, radians, camera axes), then camera
+/// centre (rig frame, metres), relative to the rigid fit of all camera centres.
+using PoseCovariance6 = Eigen::Matrix<double, 6, 6>;
+
+/// How a camera's corners fitted, and how far a point of the rig frame may be off in its picture.
+struct CameraFit {
+  size_t corners = 0;             // found
+  size_t kept = 0;                // of them, not outliers
+  double rms_px = 0;              // of the kept ones
+  double projection_mean_px = 0;  // one standard deviation over the picture
+  double projection_max_px = 0;
+};
+
 /// One camera of a calibration; the rig frame is in metres (sfm/core/CONVENTIONS.md).
 struct CalibratedCamera {
   std::string camera;
   std::string serial;
   CameraIntrinsics intrinsics;
   Rigid3 cam_from_rig;
-  std::optional<PoseSigma> sigma;
+  std::optional<PoseSigma> sigma = std::nullopt;
+  std::optional<PoseCovariance6> covariance = std::nullopt;
+  std::optional<CameraFit> fit = std::nullopt;
+};
+
+/// One standard deviation of a face (roots of the traces), relative to the rigid fit of all faces.
+struct FaceSigma {
+  double rotation_deg = 0;
+  double position_mm = 0;  // of its middle
+  double bow_mm = 0;
 };
 
 /// A face of the calibration target as it really is. Which target, and what bow means, is the
@@ -35,6 +57,19 @@ struct CalibratedFace {
   std::string face;
   Rigid3 board_from_face;
   Eigen::Vector2d bow_m = Eigen::Vector2d::Zero();
+  std::optional<FaceSigma> sigma = std::nullopt;
+};
+
+/// How a calibration's corners fitted altogether.
+struct CalibrationResiduals {
+  size_t corners = 0;  // found
+  size_t kept = 0;     // of them, not outliers
+  double rms_px = 0;   // of the kept ones, root of the mean squared distance
+  double noise = 0;    // their standard deviation over the one the detector claims
+  /// Of corners that the calibration was not fitted to; absent when it was not tried.
+  std::optional<double> held_out_rms_px, held_out_p95_px;
+  /// Root mean square over cameras of (difference of two half calibrations / its sigma).
+  std::optional<double> half_split_rotation_ratio, half_split_position_ratio;
 };
 
 enum class CalibrationSource { kCharuco, kSfm, kTruth };
@@ -46,6 +81,7 @@ struct Calibration {
   CalibrationSource source = CalibrationSource::kCharuco;
   std::vector<CalibratedCamera> cameras;
   std::vector<CalibratedFace> board;  // in the order of the board's file; empty: not known
+  std::optional<CalibrationResiduals> residuals;
 
   /// nullptr when there is no such camera.
   const CalibratedCamera* Find(std::string_view camera) const;
