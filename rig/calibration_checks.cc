@@ -148,9 +148,9 @@ Result<Calibration> CalibrateHalf(const RigProblem& problem, const RigCalibratio
   RigCalibration half;
   half.model = SeenIn(views, result.model, kMinHalfCorners);
   ROTUNDA_ASSIGN_OR_RETURN(half.model, Readjust(problem, views, result.free, half.model, context));
-  ROTUNDA_ASSIGN_OR_RETURN(
-      half.uncertainty,
-      BuildUncertainty(problem, WithNoise(views, result.noise), half.model, result.free, context));
+  ROTUNDA_ASSIGN_OR_RETURN(half.uncertainty,
+                           BuildUncertainty(problem, WithNoise(views, result.noise), half.model,
+                                            result.free, result.held_intrinsics, context));
   Calibration calibration;
   for (size_t c = 0; c < half.model.cam_from_rig.size(); ++c) {
     if (!half.model.cam_from_rig[c] || !half.uncertainty.cameras[c]) continue;
@@ -161,7 +161,7 @@ Result<Calibration> CalibrateHalf(const RigProblem& problem, const RigCalibratio
     camera.intrinsics = half.model.intrinsics[c];
     camera.cam_from_rig = *half.model.cam_from_rig[c];
     camera.sigma = half.uncertainty.cameras[c]->sigma;
-    camera.covariance = half.uncertainty.cameras[c]->covariance.topLeftCorner<6, 6>();
+    camera.covariance = half.uncertainty.cameras[c]->covariance;
     calibration.cameras.push_back(std::move(camera));
   }
   return calibration;
@@ -307,7 +307,7 @@ Calibration ToCalibration(const Board& board, const BoardSightings& sightings,
     camera.intrinsics = result.model.intrinsics[c];
     camera.cam_from_rig = *result.model.cam_from_rig[c];
     camera.sigma = uncertainty.sigma;
-    camera.covariance = uncertainty.covariance.topLeftCorner<6, 6>();
+    camera.covariance = uncertainty.covariance;
     camera.fit = CameraFit{checks[c].found, checks[c].kept, checks[c].rms_px,
                            uncertainty.projection_mean_px, uncertainty.projection_max_px};
     squares += std::pow(checks[c].rms_px, 2) * static_cast<double>(checks[c].kept);

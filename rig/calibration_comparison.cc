@@ -11,6 +11,7 @@ namespace rotunda::rig {
 namespace {
 
 using Vector6 = Eigen::Matrix<double, 6, 1>;
+using PoseCovariance = Eigen::Matrix<double, 6, 6>;
 
 constexpr double kMedianChiSquare6 = 5.3481;  // of six degrees of freedom
 
@@ -18,12 +19,12 @@ constexpr double kMedianChiSquare6 = 5.3481;  // of six degrees of freedom
 struct Pair {
   const CalibratedCamera* before;
   const CalibratedCamera* after;
-  PoseCovariance6 before_covariance, after_covariance;
+  PoseCovariance before_covariance, after_covariance;
 };
 
-PoseCovariance6 CovarianceOf(const CalibratedCamera& camera,
-                             const CalibrationComparisonOptions& options) {
-  if (camera.covariance) return *camera.covariance;
+PoseCovariance CovarianceOf(const CalibratedCamera& camera,
+                            const CalibrationComparisonOptions& options) {
+  if (camera.covariance) return camera.covariance->topLeftCorner<6, 6>();
   const double rotation_deg =
       camera.sigma ? camera.sigma->rotation_deg : options.default_rotation_deg;
   const double position_mm = camera.sigma ? camera.sigma->position_mm : options.default_position_mm;
@@ -32,7 +33,7 @@ PoseCovariance6 CovarianceOf(const CalibratedCamera& camera,
       Eigen::Vector3d::Constant(std::pow(1e-3 * position_mm, 2) / 3);
   // A camera that claims to be exact would decide alone.
   constexpr double kLeastVariance = 1e-16;
-  return PoseCovariance6(variances.cwiseMax(kLeastVariance).asDiagonal());
+  return PoseCovariance(variances.cwiseMax(kLeastVariance).asDiagonal());
 }
 
 std::vector<Pair> PairUp(const Calibration& before, const Calibration& after,
@@ -50,7 +51,7 @@ std::vector<Pair> PairUp(const Calibration& before, const Calibration& after,
 /// the inverse covariance of that.
 struct Change {
   Vector6 difference;
-  PoseCovariance6 information;
+  PoseCovariance information;
   double ChiSquare() const { return difference.dot(information * difference); }
 };
 
@@ -60,11 +61,11 @@ Change ChangeOf(const Pair& pair, const Rigid3& before_from_after) {
   Change change;
   change.difference << TurnOf(after.rotation * before.rotation.conjugate()),
       after.OriginInSource() - before.OriginInSource();
-  PoseCovariance6 axes = PoseCovariance6::Identity();
+  PoseCovariance axes = PoseCovariance::Identity();
   axes.bottomRightCorner<3, 3>() = before_from_after.RotationMatrix();
-  const PoseCovariance6 covariance =
+  const PoseCovariance covariance =
       pair.before_covariance + axes * pair.after_covariance * axes.transpose();
-  change.information = covariance.ldlt().solve(PoseCovariance6::Identity());
+  change.information = covariance.ldlt().solve(PoseCovariance::Identity());
   return change;
 }
 
@@ -101,13 +102,13 @@ Rigid3 Align(const std::vector<Pair>& pairs) {
   middle /= static_cast<double>(pairs.size());
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     const double scale = std::max(1.0, MedianChiSquare(pairs, alignment) / kMedianChiSquare6);
-    PoseCovariance6 matrix = PoseCovariance6::Zero();
+    PoseCovariance matrix = PoseCovariance::Zero();
     Vector6 gradient = Vector6::Zero();
     for (const Pair& pair : pairs) {
       const Change change = ChangeOf(pair, alignment);
       const double weight =
           1.0 / (1.0 + change.ChiSquare() / (kLossSigmas * kLossSigmas * 6 * scale));
-      PoseCovariance6 by_motion = PoseCovariance6::Zero();
+      PoseCovariance by_motion = PoseCovariance::Zero();
       by_motion.topLeftCorner<3, 3>() = -pair.before->cam_from_rig.RotationMatrix();
       by_motion.bottomLeftCorner<3, 3>() =
           -CrossMatrix(pair.before->cam_from_rig.OriginInSource() - middle);

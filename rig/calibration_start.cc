@@ -31,9 +31,8 @@ bool DrawingIsAStart(const RigProblem& problem, const CalibrationStartOptions& o
   return true;
 }
 
-std::vector<Body> MakeBodies(const RigProblem& problem, const CalibrationStartOptions& options) {
+std::vector<Body> MakeBodies(const RigProblem& problem, bool together) {
   std::vector<Body> bodies;
-  const bool together = DrawingIsAStart(problem, options);
   for (size_t f = 0; f < problem.priors.size(); ++f) {
     if (bodies.empty() || !together) bodies.emplace_back();
     bodies.back().faces.push_back(f);
@@ -239,31 +238,23 @@ void PoseAll(const RigProblem& problem, const std::vector<Body>& bodies,
   }
 }
 
-}  // namespace
-
-double NoiseScale(const RigModel& model, const BoardShape& shape,
-                  const std::vector<FaceView>& views) {
-  constexpr double kRayleighMedian = 1.17741;  // of the norm of two unit normal deviates
-  std::vector<double> errors;
-  for (const FaceView& view : views) {
-    if (!model.Has(view)) continue;
-    const auto residuals = Residuals_px(model, shape, view);
-    for (size_t i = 0; i < residuals.size(); ++i) {
-      errors.push_back(residuals[i].norm() / view.corners[i].sigma_px);
-    }
+/// Median reprojection error of all corners that have a pose, in pixels.
+double MedianError_px(const RigModel& model, const BoardShape& shape,
+                      const std::vector<FaceView>& views) {
+  std::vector<FaceView> plain = views;
+  for (FaceView& view : plain) {
+    for (SeenCorner& corner : view.corners) corner.sigma_px = 1;
   }
-  if (errors.empty()) return 0;
-  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-  std::nth_element(errors.begin(), middle, errors.end());
-  return *middle / kRayleighMedian;
+  return NoiseScale(model, shape, plain);
 }
 
-Result<CalibrationStart> StartCalibration(
+/// StartCalibration with the faces as drawn (`together`), or each on its own.
+Result<CalibrationStart> StartWith(
     const RigProblem& problem, const std::vector<FaceView>& views,
     const std::vector<SightedCamera>& cameras,
     const std::vector<std::optional<CameraIntrinsics>>& known_intrinsics,
-    const CalibrationStartOptions& options, RunContext& context) {
-  const std::vector<Body> bodies = MakeBodies(problem, options);
+    const CalibrationStartOptions& options, bool together, RunContext& context) {
+  const std::vector<Body> bodies = MakeBodies(problem, together);
   const auto seen = GroupViews(views, bodies, cameras.size());
   size_t shots = 0;
   for (const FaceView& view : views) shots = std::max(shots, view.shot + 1);
@@ -314,6 +305,50 @@ Result<CalibrationStart> StartCalibration(
   }
   PoseAll(problem, bodies, sightings, camera_groups, body_groups, agreement, start);
   return start;
+}
+
+}  // namespace
+
+double NoiseScale(const RigModel& model, const BoardShape& shape,
+                  const std::vector<FaceView>& views) {
+  constexpr double kRayleighMedian = 1.17741;  // of the norm of two unit normal deviates
+  std::vector<double> errors;
+  for (const FaceView& view : views) {
+    if (!model.Has(view)) continue;
+    const auto residuals = Residuals_px(model, shape, view);
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      errors.push_back(residuals[i].norm() / view.corners[i].sigma_px);
+    }
+  }
+  if (errors.empty()) return 0;
+  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+  std::nth_element(errors.begin(), middle, errors.end());
+  return *middle / kRayleighMedian;
+}
+
+Result<CalibrationStart> StartCalibration(
+    const RigProblem& problem, const std::vector<FaceView>& views,
+    const std::vector<SightedCamera>& cameras,
+    const std::vector<std::optional<CameraIntrinsics>>& known_intrinsics,
+    const CalibrationStartOptions& options, RunContext& context) {
+  const bool as_drawn = DrawingIsAStart(problem, options);
+  ROTUNDA_ASSIGN_OR_RETURN(
+      CalibrationStart start,
+      StartWith(problem, views, cameras, known_intrinsics, options, as_drawn, context));
+  if (!as_drawn || problem.board.faces.size() == 1) return start;
+  const double as_drawn_px = MedianError_px(start.model, problem.shape, views);
+  const int side_px = std::max_element(cameras.begin(), cameras.end(), [](auto& a, auto& b) {
+                        return a.width_px + a.height_px < b.width_px + b.height_px;
+                      })->width_px;
+  if (as_drawn_px < options.max_start_error * side_px) return start;
+  Result<CalibrationStart> apart =
+      StartWith(problem, views, cameras, known_intrinsics, options, false, context);
+  constexpr double kMuchBetter = 0.3;
+  if (!apart || MedianError_px(apart->model, problem.shape, views) > kMuchBetter * as_drawn_px) {
+    return start;
+  }
+  apart->drawing_refused = true;
+  return apart;
 }
 
 }  // namespace rotunda::rig

@@ -20,6 +20,9 @@ struct CalibrationStartOptions {
   /// Above these the drawing's faces are no start: where they are is found from the pictures.
   double max_face_rotation_sigma_rad = 0.1;
   double max_face_position_sigma = 0.1;  // as a share of the face's smaller side
+  /// Nor when they leave a larger median error, as a share of the pictures' width, and the faces
+  /// on their own much less.
+  double max_start_error = 0.005;
 };
 
 /// Poses good enough for an adjustment to converge from. What could not be posed says why.
@@ -27,6 +30,8 @@ struct CalibrationStart {
   RigModel model;
   std::vector<std::string> camera_problem;  // by camera; empty when it has a pose
   std::vector<std::string> shot_problem;    // by shot
+  /// The pictures contradict the drawing's faces: poses come from the pictures alone.
+  bool drawing_refused = false;
 };
 
 /// Intrinsics of each camera from all faces it saw (a search over the focal length, then the lens

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <set>
 
@@ -66,6 +67,21 @@ Result<std::vector<std::optional<CameraIntrinsics>>> KnownIntrinsics(
     known[c] = earlier->intrinsics;
   }
   return known;
+}
+
+/// Covariances of the intrinsics that are kept, by camera; empty where the calibration has none.
+std::vector<Eigen::MatrixXd> HeldIntrinsics(const BoardSightings& sightings,
+                                            const Calibration* from) {
+  std::vector<Eigen::MatrixXd> held;
+  if (from == nullptr) return held;
+  for (const SightedCamera& camera : sightings.cameras) {
+    const CalibratedCamera* earlier = from->Find(camera.camera);
+    held.emplace_back();
+    if (earlier == nullptr || !earlier->covariance) continue;
+    const Eigen::Index params = earlier->covariance->rows() - kPoseSize;
+    held.back() = earlier->covariance->bottomRightCorner(params, params);
+  }
+  return held;
 }
 
 /// Parameters of the larger model, those it adds being 0.
@@ -380,6 +396,7 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   ROTUNDA_RETURN_IF_ERROR(CheckSightings(sightings, result.found));
   ROTUNDA_ASSIGN_OR_RETURN(const auto known, KnownIntrinsics(sightings, options.intrinsics_from));
   result.free.intrinsics = options.intrinsics_from == nullptr;
+  result.held_intrinsics = HeldIntrinsics(sightings, options.intrinsics_from);
   result.priors = PriorsOf(board, options.intrinsics_from);
   const BoardShape shape = ShapeOf(board);
   const RigProblem problem = ProblemOf(board, shape, result.priors);
@@ -391,6 +408,12 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   context.Report("start", 1, 1);
   result.model = std::move(start.model);
   result.camera_problem = std::move(start.camera_problem);
+  result.drawing_refused = start.drawing_refused;
+  if (start.drawing_refused) {
+    for (FacePrior& prior : result.priors) {
+      prior.position_sigma_m = prior.rotation_sigma_rad = std::numeric_limits<double>::infinity();
+    }
+  }
   result.shot_problem = std::move(start.shot_problem);
   result.shot_problem.resize(sightings.shots.size(), "no camera saw the board");
   result.model.rig_from_board.resize(sightings.shots.size());
@@ -404,9 +427,10 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   const std::vector<FaceView> fitting = Without(result.found, result.dropped);
   ROTUNDA_RETURN_IF_ERROR(AdjustFinally(problem, fitting, options, result, context));
   result.noise = std::sqrt(NoiseVariance(problem, result.kept, result.model, result.free));
-  ROTUNDA_ASSIGN_OR_RETURN(result.uncertainty,
-                           BuildUncertainty(problem, WithNoise(result.kept, result.noise),
-                                            result.model, result.free, context));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      result.uncertainty,
+      BuildUncertainty(problem, WithNoise(result.kept, result.noise), result.model, result.free,
+                       result.held_intrinsics, context));
   ExplainCameras(sightings, result);
   ROTUNDA_RETURN_IF_ERROR(ChooseFrame(sightings, options, result));
   context.Report("adjustment", 1, 1);

@@ -47,6 +47,9 @@ struct RigCalibration {
   std::vector<std::string> shot_problem;    // by shot; empty when it was used
   std::vector<DroppedPicture> dropped;
   std::vector<FacePrior> priors;
+  std::vector<Eigen::MatrixXd> held_intrinsics;  // as BuildUncertainty takes it
+  /// The faces stand otherwise than the board file draws them: they were found from the pictures.
+  bool drawing_refused = false;
 };
 
 /// Joint adjustment of all cameras, shots and faces: start, robust rounds, whole pictures and shots

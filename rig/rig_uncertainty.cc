@@ -37,6 +37,25 @@ struct SolverCovariance {
   Eigen::MatrixXd shared;
 };
 
+/// Adds to each camera what its held intrinsics' covariance does to its pose: with P and I the
+/// pose's and the intrinsics' columns of the normal matrix, d pose = -(P^T P)^-1 P^T I d
+/// intrinsics.
+void AddHeldIntrinsics(const NormalEquations& all_free,
+                       const std::vector<Eigen::MatrixXd>& held_intrinsics,
+                       SolverCovariance& covariance) {
+  for (size_t c = 0; c < held_intrinsics.size(); ++c) {
+    const Eigen::MatrixXd& held = held_intrinsics[c];
+    const Eigen::MatrixXd& matrix = all_free.camera[c];
+    if (held.rows() == 0 || matrix.rows() != kPoseSize + held.rows()) continue;
+    const auto inverse = Inverse(matrix.topLeftCorner<kPoseSize, kPoseSize>());
+    if (!inverse) continue;
+    Eigen::MatrixXd effect = Eigen::MatrixXd::Zero(matrix.rows(), held.rows());
+    effect.topRows<kPoseSize>() = -*inverse * matrix.topRightCorner(kPoseSize, held.rows());
+    effect.bottomRows(held.rows()).setIdentity();
+    covariance.own[c] += effect * held * effect.transpose();
+  }
+}
+
 std::optional<SolverCovariance> Invert(const NormalEquations& normal, RunContext& context) {
   const size_t cameras = normal.camera.size();
   SolverCovariance covariance;
@@ -226,13 +245,20 @@ Eigen::MatrixXd FacesInFit(const RigProblem& problem, const RigModel& model,
 
 Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
                                         const std::vector<FaceView>& views, const RigModel& model,
-                                        const FreeUnknowns& free, RunContext& context) {
+                                        const FreeUnknowns& free,
+                                        const std::vector<Eigen::MatrixXd>& held_intrinsics,
+                                        RunContext& context) {
   RigSolveOptions options;
   options.free = free;
   const NormalEquations normal = BuildNormal(problem, views, model, options, context);
-  const auto covariance = Invert(normal, context);
+  auto covariance = Invert(normal, context);
   if (!covariance) {
     return Error{ErrorCode::kFailed, "the pictures do not determine all cameras", "uncertainty"};
+  }
+  if (!held_intrinsics.empty()) {
+    options.free.intrinsics = true;
+    AddHeldIntrinsics(BuildNormal(problem, views, model, options, context), held_intrinsics,
+                      *covariance);
   }
   RigUncertainty result;
   const auto cameras = CamerasInFit(*covariance, model);

@@ -35,10 +35,14 @@ struct RigUncertainty {
 /// sigma_px being the true noise. Gauge: cameras are given relative to the rigid fit of all camera
 /// centres, the faces relative to the rigid fit of all faces' outer corners (inner constraints;
 /// Triggs et al. 2000, section 9): what is left after one rigid motion is what a comparison with
-/// truth or with another calibration sees. kFailed when something is not determined.
+/// truth or with another calibration sees. Intrinsics that were held but are not exact go into
+/// their camera's poses: `held_intrinsics` has their covariance by camera (empty: exact; what they
+/// do to the shots, which many cameras see, is left out). kFailed when something is not determined.
 Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
                                         const std::vector<FaceView>& views, const RigModel& model,
-                                        const FreeUnknowns& free, RunContext& context);
+                                        const FreeUnknowns& free,
+                                        const std::vector<Eigen::MatrixXd>& held_intrinsics,
+                                        RunContext& context);
 
 /// The views with every sigma_px times `scale`.
 std::vector<FaceView> WithNoise(std::vector<FaceView> views, double scale);

@@ -20,7 +20,7 @@ constexpr std::array<std::pair<CalibrationSource, const char*>, 3> kSources = {{
 }};
 
 /// Lower triangle, row by row.
-Json CovarianceJson(const PoseCovariance6& covariance) {
+Json CovarianceJson(const Eigen::MatrixXd& covariance) {
   Json numbers = Json::array();
   for (Eigen::Index row = 0; row < covariance.rows(); ++row) {
     for (Eigen::Index column = 0; column <= row; ++column) {
@@ -30,10 +30,10 @@ Json CovarianceJson(const PoseCovariance6& covariance) {
   return numbers;
 }
 
-PoseCovariance6 ReadCovariance(const JsonField& field) {
-  constexpr size_t kLowerTriangle = 21;
-  const std::vector<double> numbers = field.Numbers(kLowerTriangle);
-  PoseCovariance6 covariance;
+Eigen::MatrixXd ReadCovariance(const JsonField& field, CameraModel model) {
+  const size_t size = 6 + CameraParamCount(model);
+  const std::vector<double> numbers = field.Numbers(size * (size + 1) / 2);
+  Eigen::MatrixXd covariance(size, size);
   size_t next = 0;
   for (Eigen::Index row = 0; row < covariance.rows(); ++row) {
     for (Eigen::Index column = 0; column <= row; ++column) {
@@ -79,7 +79,9 @@ CalibratedCamera ReadCamera(const JsonField& object) {
   camera.intrinsics = ReadIntrinsics(object);
   camera.cam_from_rig = ReadRigid3(object["cam_from_rig"]);
   if (object["sigma"].present()) camera.sigma = ReadSigma(object["sigma"]);
-  if (object["covariance"].present()) camera.covariance = ReadCovariance(object["covariance"]);
+  if (object["covariance"].present()) {
+    camera.covariance = ReadCovariance(object["covariance"], camera.intrinsics.model);
+  }
   if (object["fit"].present()) camera.fit = ReadFit(object["fit"]);
   return camera;
 }

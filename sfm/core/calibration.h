@@ -20,10 +20,6 @@ struct PoseSigma {
   std::optional<double> focal_px;
 };
 
-/// Covariance of one pose: turn (left tangent of cam_from_rig, radians, camera axes), then camera
-/// centre (rig frame, metres), relative to the rigid fit of all camera centres.
-using PoseCovariance6 = Eigen::Matrix<double, 6, 6>;
-
 /// How a camera's corners fitted, and how far a point of the rig frame may be off in its picture.
 struct CameraFit {
   size_t corners = 0;             // found
@@ -40,7 +36,9 @@ struct CalibratedCamera {
   CameraIntrinsics intrinsics;
   Rigid3 cam_from_rig;
   std::optional<PoseSigma> sigma = std::nullopt;
-  std::optional<PoseCovariance6> covariance = std::nullopt;
+  /// Of the turn (left tangent of cam_from_rig, radians, camera axes), the centre (rig frame,
+  /// metres) and the intrinsics' parameters, relative to the rigid fit of all camera centres.
+  std::optional<Eigen::MatrixXd> covariance = std::nullopt;
   std::optional<CameraFit> fit = std::nullopt;
 };
 
