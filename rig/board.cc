@@ -13,6 +13,7 @@ namespace rotunda::rig {
 namespace {
 
 constexpr int kMostSquares = 200;  // along a side: two a millimetre over a hand's breadth
+constexpr size_t kMostFaces = 100;
 
 constexpr std::array<std::pair<const char*, cv::aruco::PREDEFINED_DICTIONARY_NAME>, 21>
     kDictionaries = {{
@@ -143,6 +144,9 @@ Status Board::Validate() const {
     return Error{ErrorCode::kInvalidArgument, "the board has no face, expected at least one",
                  "face"};
   }
+  if (faces.size() > kMostFaces) {
+    return Refused("face", faces.size(), "at most " + std::to_string(kMostFaces) + " faces");
+  }
   std::set<std::string> names;
   for (size_t i = 0; i < faces.size(); ++i) {
     const BoardFace& face = faces[i];
@@ -190,7 +194,7 @@ Eigen::Vector3d PointOnBoard(const BoardFace& face, const CalibratedFace& real,
 std::vector<CalibratedFace> DrawnFaces(const Board& board) {
   std::vector<CalibratedFace> faces;
   for (const BoardFace& face : board.faces) {
-    faces.push_back({face.name, face.board_from_face, Eigen::Vector2d::Zero()});
+    faces.push_back({face.name, face.board_from_face, Eigen::Vector2d::Zero(), {}});
   }
   return faces;
 }
@@ -205,7 +209,7 @@ Board CuboidBoard(const CuboidDrawing& drawing) {
   face.square_m = drawing.square_m;
   face.marker_m = drawing.marker_m;
   face.margin_m = drawing.margin_m;
-  face.dictionary = "APRILTAG_36h11";
+  face.dictionary = drawing.dictionary;
   const double half_m = 0.5 * face.Width_m();  // of the squares
   const double out_m = half_m + drawing.margin_m;
   const double tall_m = face.Height_m() + 2 * drawing.margin_m;
@@ -228,31 +232,35 @@ Board CuboidBoard(const CuboidDrawing& drawing) {
   return board;
 }
 
-Result<MarkerDictionary> MarkerDictionary::Named(const std::string& name) {
+Result<int> OpenCvDictionary(const std::string& name) {
   std::string known;
   for (const auto& [candidate, number] : kDictionaries) {
+    if (name == candidate) return static_cast<int>(number);
     known += (known.empty() ? "" : ", ") + std::string(candidate);
-    if (name != candidate) continue;
-    const auto opencv = cv::aruco::getPredefinedDictionary(number);
-    MarkerDictionary dictionary;
-    dictionary.count_ = opencv->bytesList.rows;
-    dictionary.cells_ = opencv->markerSize + 2;
-    for (int id = 0; id < dictionary.count_; ++id) {
-      const cv::Mat bits =
-          cv::aruco::Dictionary::getBitsFromByteList(opencv->bytesList.row(id), opencv->markerSize);
-      std::vector<bool> cells(static_cast<size_t>(dictionary.cells_ * dictionary.cells_), true);
-      for (int y = 0; y < bits.rows; ++y) {
-        for (int x = 0; x < bits.cols; ++x) {
-          cells[static_cast<size_t>((y + 1) * dictionary.cells_ + x + 1)] =
-              bits.at<uint8_t>(y, x) == 0;
-        }
-      }
-      dictionary.markers_.push_back(std::move(cells));
-    }
-    return dictionary;
   }
   return Error{ErrorCode::kInvalidArgument, "is '" + name + "', allowed are " + known,
                "dictionary"};
+}
+
+Result<MarkerDictionary> MarkerDictionary::Named(const std::string& name) {
+  ROTUNDA_ASSIGN_OR_RETURN(const int number, OpenCvDictionary(name));
+  const auto opencv = cv::aruco::getPredefinedDictionary(number);
+  MarkerDictionary dictionary;
+  dictionary.count_ = opencv->bytesList.rows;
+  dictionary.cells_ = opencv->markerSize + 2;
+  for (int id = 0; id < dictionary.count_; ++id) {
+    const cv::Mat bits =
+        cv::aruco::Dictionary::getBitsFromByteList(opencv->bytesList.row(id), opencv->markerSize);
+    std::vector<bool> cells(static_cast<size_t>(dictionary.cells_ * dictionary.cells_), true);
+    for (int y = 0; y < bits.rows; ++y) {
+      for (int x = 0; x < bits.cols; ++x) {
+        cells[static_cast<size_t>((y + 1) * dictionary.cells_ + x + 1)] =
+            bits.at<uint8_t>(y, x) == 0;
+      }
+    }
+    dictionary.markers_.push_back(std::move(cells));
+  }
+  return dictionary;
 }
 
 Result<std::vector<InkRectangle>> FaceInk(const BoardFace& face) {

@@ -76,8 +76,8 @@ Eigen::Vector3d PointOnBoard(const BoardFace& face, const CalibratedFace& real,
 /// The faces exactly as drawn, flat.
 std::vector<CalibratedFace> DrawnFaces(const Board& board);
 
-/// Four tall sides and perhaps a top, AprilTag 36h11: the shipped target. Ids run on from face to
-/// face in the order front, left, back, right, top. Board frame: origin in the middle of the
+/// Four tall sides and perhaps a top: the shipped target. Ids run on from face to face in the order
+/// front, left, back, right, top, from 0. Board frame: origin in the middle of the
 /// bottom, z up, the front face towards +x.
 struct CuboidDrawing {
   int columns = 7;  // squares across each side, and both ways on the top; odd
@@ -86,11 +86,16 @@ struct CuboidDrawing {
   double marker_m = 0.045;
   double margin_m = 0.020;
   bool top = true;
+  std::string dictionary = "APRILTAG_36h11";
 };
 Board CuboidBoard(const CuboidDrawing& drawing);
 
-/// The dictionary's markers, by OpenCV: the one source of their bits. kInvalidArgument when there
-/// is no such dictionary (the message lists all).
+/// OpenCV's number of a dictionary. kInvalidArgument when there is none of that name (the message
+/// lists all).
+Result<int> OpenCvDictionary(const std::string& name);
+
+/// The markers of a dictionary, by OpenCV: the one source of their bits. Errors as
+/// OpenCvDictionary.
 class MarkerDictionary {
  public:
   static Result<MarkerDictionary> Named(const std::string& name);

@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "rig/board.h"
+#include "rig/corner_fit.h"
+#include "rig/marker_detection.h"
 #include "sfm/core/result.h"
 
 namespace rotunda::rig {
@@ -22,7 +24,7 @@ struct RejectedMarker {
   std::string dictionary;
   int id = -1;
   Eigen::Vector2d centre_px;
-  std::string reason;  // for the operator: "id 530 is on no face of the board", "mirrored", ...
+  std::string reason;  // for the operator: "id 530 is on no face of the board", ...
 };
 
 /// What one picture shows of a board; corners sorted by face and corner.
@@ -31,21 +33,28 @@ struct BoardDetection {
   std::vector<RejectedMarker> rejected;
   int markers_found = 0;     // of the board, after rejection
   double edge_width_px = 0;  // of the squares' edges, 10 to 90 %; large when blurred
-  std::string unusable;  // why the whole picture was refused ("blurred: ..."); empty when usable
+  /// Why the whole picture was refused ("blurred: ...", "mirrored: ..."); empty when usable. It
+  /// then has no corners.
+  std::string unusable;
 };
 
 struct BoardDetectionOptions {
-  /// Wrong bits of an AprilTag that are put right. Its codes differ in 11, so 2 invents nothing;
-  /// OpenCV's dictionaries differ in fewer and are read as OpenCV reads them.
-  int max_wrong_bits = 2;
-  /// A marker's corners may be this far from where its neighbours put them, as a share of its side.
+  MarkerDetectionOptions markers;
+  CornerFitOptions corners;
+  /// Two markers of a face are compared when they are at most this many squares apart: over more,
+  /// a wide-angle lens bends the face by more than `max_misplaced`.
+  int neighbourhood_squares = 4;
+  /// A marker's corners may be this far from where a neighbour puts them, as a share of its side.
+  /// Detectors find them to 0.02 to 0.05 of it; a marker of another board is off by 0.3 and more.
   double max_misplaced = 0.15;
-  /// A corner may be this far from where its own neighbours put it, as a share of a square's side.
-  double max_bent = 0.06;
-  /// Widest edge (10 to 90 %) that is still a sharp picture, as a share of a square's side.
-  double max_edge_width = 0.35;
-  /// Squares smaller than this give corners whose neighbours blur into them.
-  double min_square_px = 8;
+  /// A corner may be this far from where the corners around it put it, as a share of a square's
+  /// side; lens and bow make 0.005.
+  double max_bent = 0.03;
+  /// Squares narrower than this give corners whose neighbours blur into them.
+  double min_square_px = 7;
+  /// Widest edge (10 to 90 %) of a usable picture. Lenses in focus give 1.5 to 4 px; at 8 px
+  /// something moved or is out of focus, and corners are off by what moved.
+  double max_edge_width_px = 8;
 };
 
 /// Finds the board's markers (AprilTag families through libapriltag, the others through OpenCV) and
