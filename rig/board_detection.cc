@@ -1,6 +1,7 @@
 #include "rig/board_detection.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -16,7 +17,9 @@ namespace {
 
 /// Fewer markers than this, and the picture is looked at again for what may be wrong with it.
 constexpr size_t kFewMarkers = 4;
-constexpr int kBlurScale = 4;  // a picture too blurred to read is read at this fraction of its size
+/// Between the darkest and the brightest 2 % of a picture: less, and there is no board to be
+/// blurred.
+constexpr double kLeastContrast = 40;
 constexpr double kWidthOfSigma = 2.563;  // 10 to 90 % of an edge blurred by a Gaussian
 /// Where a corner is predicted from: what lies within this many squares (the larger of both ways),
 /// at most so many points, the nearest first.
@@ -185,10 +188,40 @@ std::string Text(const char* format, double value) {
   return text;
 }
 
+/// Value below which `share` of a CV_8UC1 picture's pixels lie.
+int Percentile(const cv::Mat& values, double share) {
+  std::array<size_t, 256> counts = {};
+  for (int y = 0; y < values.rows; ++y) {
+    const uint8_t* row = values.ptr<uint8_t>(y);
+    for (int x = 0; x < values.cols; ++x) ++counts[row[x]];
+  }
+  size_t left = static_cast<size_t>(share * static_cast<double>(values.total()));
+  int value = 0;
+  while (value < 255 && left >= counts[value]) left -= counts[value++];
+  return value;
+}
+
+/// Width (10 to 90 %) of the sharpest edges of the whole picture, whatever it shows: an edge of
+/// contrast C blurred by s has the slope C / (s sqrt(2 pi)). 0 without contrast.
+double SharpestEdge_px(const cv::Mat& grey) {
+  cv::Mat smooth, dx, dy, slope;
+  cv::GaussianBlur(grey, smooth, {}, 1.0);  // against noise
+  const double contrast = Percentile(smooth, 0.98) - Percentile(smooth, 0.02);
+  if (contrast < kLeastContrast) return 0;
+  constexpr double kSobelGain = 8;
+  cv::Sobel(smooth, dx, CV_32F, 1, 0);
+  cv::Sobel(smooth, dy, CV_32F, 0, 1);
+  cv::magnitude(dx, dy, slope);
+  constexpr double kSteps = 4;  // an 8-bit picture of slopes in quarters of a grey level
+  slope.convertTo(slope, CV_8U, kSteps / kSobelGain);
+  const double steepest = std::max(Percentile(slope, 0.999), 1) / kSteps;
+  return kWidthOfSigma * contrast / (steepest * std::sqrt(2 * kPi));
+}
+
 /// A picture with hardly a marker: is it mirrored, or too blurred to be read? Empty: neither.
 Result<std::string> WhyFewMarkers(const cv::Mat& grey, const Board& board,
                                   const BoardDetectionOptions& options) {
-  cv::Mat flipped, small;
+  cv::Mat flipped;
   cv::flip(grey, flipped, 1);
   ROTUNDA_ASSIGN_OR_RETURN(const MarkerChoice mirrored, FindMarkers(flipped, board, options));
   if (mirrored.accepted.size() >= kFewMarkers) {
@@ -196,13 +229,14 @@ Result<std::string> WhyFewMarkers(const cv::Mat& grey, const Board& board,
         "mirrored: the picture shows the board as a mirror would; switch off the flipping of "
         "pictures in the camera (ReverseX, ReverseY) or take the mirror away");
   }
-  cv::resize(grey, small, {}, 1.0 / kBlurScale, 1.0 / kBlurScale, cv::INTER_AREA);
-  ROTUNDA_ASSIGN_OR_RETURN(const MarkerChoice blurred, FindMarkers(small, board, options));
-  if (blurred.accepted.size() >= kFewMarkers) {
-    return Text(
-        "blurred: the markers can be read only at %.0f%% of the size; focus the lens, hold the "
-        "board still or expose shorter",
-        100.0 / kBlurScale);
+  const double width_px = SharpestEdge_px(grey);
+  if (width_px > options.max_edge_width_px) {
+    return Text("blurred: hardly a marker can be read and the sharpest edges are %.1f px wide",
+                width_px) +
+           Text(
+               ", at most %.1f px is usable; focus the lens, hold the board still or expose "
+               "shorter (or is the board not in view?)",
+               options.max_edge_width_px);
   }
   return std::string();
 }

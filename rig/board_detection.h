@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <opencv2/core.hpp>
 #include <string>
 #include <vector>
 

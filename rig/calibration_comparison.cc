@@ -106,8 +106,9 @@ Rigid3 Align(const std::vector<Pair>& pairs) {
     Vector6 gradient = Vector6::Zero();
     for (const Pair& pair : pairs) {
       const Change change = ChangeOf(pair, alignment);
-      const double weight =
-          1.0 / (1.0 + change.ChiSquare() / (kLossSigmas * kLossSigmas * 6 * scale));
+      // Geman and McClure's weight: what is far off has no say at all.
+      const double share = change.ChiSquare() / (kLossSigmas * kLossSigmas * 6 * scale);
+      const double weight = 1.0 / ((1.0 + share) * (1.0 + share));
       PoseCovariance by_motion = PoseCovariance::Zero();
       by_motion.topLeftCorner<3, 3>() = -pair.before->cam_from_rig.RotationMatrix();
       by_motion.bottomLeftCorner<3, 3>() =

@@ -85,7 +85,8 @@ TEST_P(FlatPictures, PixelEdgesAreWhereTheConventionHasThem) {
       mean += off / (4.0 * static_cast<double>(markers->size()));
     }
   }
-  EXPECT_LT(mean.norm(), 0.1) << mean.transpose();
+  // Libapriltag is off by 0.17 px on steps as sharp as these; a wrong convention by 0.7 px.
+  EXPECT_LT(mean.norm(), 0.25) << mean.transpose();
 }
 
 TEST_P(FlatPictures, AMirroredPictureIsRefusedByName) {
