@@ -9,6 +9,10 @@
 #include "rig/marker_detection.h"
 #include "sfm/core/result.h"
 
+namespace cv {
+class Mat;
+}
+
 namespace rotunda::rig {
 
 /// A ChArUco corner found in a picture.

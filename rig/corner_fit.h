@@ -1,8 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <opencv2/core.hpp>
 #include <optional>
+
+namespace cv {
+class Mat;
+}
 
 namespace rotunda::rig {
 

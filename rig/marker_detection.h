@@ -2,11 +2,14 @@
 
 #include <Eigen/Core>
 #include <array>
-#include <opencv2/core.hpp>
 #include <string>
 #include <vector>
 
 #include "sfm/core/result.h"
+
+namespace cv {
+class Mat;
+}
 
 namespace rotunda::rig {
 
