@@ -292,21 +292,40 @@ Status AdjustFinally(const RigProblem& problem, const std::vector<FaceView>& vie
   return {};
 }
 
-/// Pictures with the board whose sighting was missing say nothing; of a camera without any, why.
-void ExplainCameras(const BoardSightings& sightings, RigCalibration& result) {
+/// Why pictures could not be used: how many of each kind ("blurred: ..."), and the first one's
+/// words.
+class PictureReasons {
+ public:
+  void Add(const BoardSighting& sighting) {
+    const std::string& reason =
+        sighting.detection ? sighting.detection->unusable : sighting.missing;
+    if (reason.empty()) return;
+    auto& [count, first] = kinds_[reason.substr(0, reason.find(':'))];
+    if (count++ == 0) first = reason;
+  }
+  std::string Text() const {
+    std::string text;
+    for (const auto& [kind, reasons] : kinds_) {
+      text += "; " + std::to_string(reasons.first) + " x " + reasons.second;
+    }
+    return text;
+  }
+
+ private:
+  std::map<std::string, std::pair<size_t, std::string>> kinds_;
+};
+
+/// Tells of cameras and shots without a pose what was wrong with their pictures.
+void ExplainMissing(const BoardSightings& sightings, RigCalibration& result) {
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
-    if (result.model.cam_from_rig[c]) continue;
-    std::map<std::string, size_t> reasons;
-    for (const auto& shot : sightings.sightings) {
-      const BoardSighting& sighting = shot[c];
-      if (!sighting.missing.empty()) ++reasons[sighting.missing];
-      if (sighting.detection && !sighting.detection->unusable.empty()) {
-        ++reasons[sighting.detection->unusable];
-      }
-    }
-    for (const auto& [reason, count] : reasons) {
-      result.camera_problem[c] += "; " + std::to_string(count) + " x " + reason;
-    }
+    PictureReasons reasons;
+    for (const auto& row : sightings.sightings) reasons.Add(row[c]);
+    if (!result.model.cam_from_rig[c]) result.camera_problem[c] += reasons.Text();
+  }
+  for (size_t s = 0; s < sightings.shots.size(); ++s) {
+    PictureReasons reasons;
+    for (const BoardSighting& sighting : sightings.sightings[s]) reasons.Add(sighting);
+    if (!result.model.rig_from_board[s]) result.shot_problem[s] += reasons.Text();
   }
 }
 
@@ -431,7 +450,7 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
       result.uncertainty,
       BuildUncertainty(problem, WithNoise(result.kept, result.noise), result.model, result.free,
                        result.held_intrinsics, context));
-  ExplainCameras(sightings, result);
+  ExplainMissing(sightings, result);
   ROTUNDA_RETURN_IF_ERROR(ChooseFrame(sightings, options, result));
   context.Report("adjustment", 1, 1);
   return result;

@@ -1,243 +1,219 @@
+// Calibration against truth, against itself and against Debian's mrcal: errors, what the sigmas
+// promise, and times.
+
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <optional>
+#include <cstdlib>
+#include <filesystem>
+#include <set>
+#include <string>
+#include <vector>
 
-#include "config/board_config.h"
-#include "rig/board_sightings.h"
 #include "rig/calibration_comparison.h"
-#include "rig/calibration_result.h"
-#include "sfm/core/evaluate.h"
+#include "rig/sim/board_object.h"
+#include "rig/sim/simulate.h"
 #include "tests/bench/bench_process.h"
-#include "tests/bench/calibration_mrcal.h"
+#include "tests/bench/calibration_mean.h"
+#include "tests/bench/calibration_real.h"
+#include "tests/bench/calibration_run.h"
 #include "tests/support/projected_corners.h"
-
-// Calibration against truth, against itself and against Debian's mrcal: errors, what the sigmas
-// promise, and times.
 
 namespace rotunda::bench {
 namespace {
 
+namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-/// Seconds that each stage took, in the order of their begin.
-class StageTimes {
- public:
-  void Begin(std::string_view stage) {
-    if (!times_.empty() && times_.back().first == stage) return;
-    End();
-    times_.emplace_back(stage, 0.0);
-    begin_ = Clock::now();
-  }
-  void End() {
-    if (!times_.empty() && times_.back().second == 0) {
-      times_.back().second = std::chrono::duration<double>(Clock::now() - begin_).count();
-    }
-  }
-  std::string Text() {
-    End();
-    std::string text;
-    char part[64];
-    for (const auto& [stage, seconds] : times_) {
-      std::snprintf(part, sizeof(part), "%s %.1f s  ", stage.c_str(), seconds);
-      text += part;
-    }
-    return text;
-  }
-
- private:
-  std::vector<std::pair<std::string, double>> times_;
-  Clock::time_point begin_;
+struct Arguments {
+  test::ProjectedOptions projected;
+  int seeds = 5;
+  int moved = 20;
+  std::vector<std::string> parts = {"projected", "moved", "mean", "real", "rendered"};
+  fs::path work = fs::temp_directory_path() / "rotunda-bench-calibration";
 };
-
-double MeanFocalError_percent(const Calibration& found, const Calibration& truth) {
-  double sum = 0;
-  for (const CalibratedCamera& camera : found.cameras) {
-    const double true_px = truth.Find(camera.camera)->intrinsics.MeanFocal_px();
-    sum += 100 * std::abs(camera.intrinsics.MeanFocal_px() / true_px - 1);
-  }
-  return sum / static_cast<double>(found.cameras.size());
-}
-
-struct Run {
-  rig::RigCalibration result;
-  rig::CrossValidation validation;
-  Calibration file;
-  std::string times;
-};
-
-Run Calibrate(const rig::Board& board, const rig::BoardSightings& sightings,
-              const Calibration* intrinsics_from, ThreadPool& threads) {
-  StageTimes times;
-  RunContext context{threads};
-  context.progress = [&](std::string_view stage, size_t, size_t) { times.Begin(stage); };
-  rig::RigCalibrationOptions options;
-  options.intrinsics_from = options.frame_from = intrinsics_from;
-  Run run;
-  run.result = OrDie(rig::CalibrateRig(board, sightings, options, context));
-  run.validation = OrDie(rig::CrossValidate(board, run.result, {}, context));
-  run.file = rig::ToCalibration(board, sightings, run.result, &run.validation);
-  run.times = times.Text();
-  return run;
-}
-
-void PrintAgainstTruth(const test::ProjectedRig& world, const Run& run, uint64_t seed) {
-  const Evaluation errors = OrDie(EvaluateCalibration(run.file, world.truth));
-  std::printf(
-      "%4llu %5zu %7zu/%zu  %8.5f %8.5f  %7.4f %7.4f  %7.4f  %7.4f  %5.2f %5.2f  %6.4f  %6.4f "
-      "%6.4f  %5.2f %5.2f\n",
-      static_cast<unsigned long long>(seed), world.sightings.shots.size(), errors.registered,
-      errors.of, errors.mean_rotation_deg, errors.max_rotation_deg, errors.mean_position_mm,
-      errors.max_position_mm, MeanFocalError_percent(run.file, world.truth),
-      test::BoardError_mm(world.board, run.result.model.faces, world.truth.board),
-      std::pow(*errors.rotation_error_over_sigma, 2),
-      std::pow(*errors.position_error_over_sigma, 2),
-      static_cast<double>(run.file.residuals->kept) /
-          static_cast<double>(run.file.residuals->corners),
-      run.validation.held_out_rms_px, run.validation.held_out_p95_px,
-      run.validation.rotation_ratio.value_or(NAN), run.validation.position_ratio.value_or(NAN));
-  std::fflush(stdout);
-}
 
 /// All cameras from all shots, then from one more shot with the lenses kept.
 void BenchProjected(test::ProjectedOptions options, int seeds, ThreadPool& threads) {
-  std::printf("Projected corners, noise %.3f px (head-on), misplaced and bowed faces\n",
-              options.noise_px);
   std::printf(
-      "seed shots cameras     rotation/deg       position/mm      focal/%%  board/mm (measured/"
-      "predicted)^2  kept  held-out/px: RMS, P95  halves/sigma\n"
-      "                           mean      max      mean     max                    rot   pos\n");
+      "Projected corners: %d cameras, %d shots, noise %.3f px (head-on), faces misplaced by up to "
+      "1 mm and 0.2 deg, bowed by 0.5 mm\n",
+      options.cameras, options.shots, options.noise_px);
+  PrintTruthHeading();
   std::string times;
   for (int seed = 1; seed <= seeds; ++seed) {
     options.rig_seed = options.noise_seed = static_cast<uint64_t>(seed);
     const test::ProjectedRig world = test::ProjectCorners(options);
-    const Run run = Calibrate(world.board, world.sightings, nullptr, threads);
-    PrintAgainstTruth(world, run, options.rig_seed);
+    const CalibrationRun run = Calibrate(world.board, world.sightings, {}, threads);
+    PrintAgainstTruth(world.board, run, world.truth, "seed " + std::to_string(seed));
     times = run.times;
     test::ProjectedOptions one = options;
     one.shots = 1;
     one.first_placement = options.shots;
     one.noise_seed += 1000;
     const test::ProjectedRig daily = test::ProjectCorners(one);
-    PrintAgainstTruth(daily, Calibrate(daily.board, daily.sightings, &run.file, threads),
-                      options.rig_seed);
+    PrintAgainstTruth(
+        daily.board,
+        Calibrate(daily.board, daily.sightings, {.intrinsics_from = &run.file}, threads),
+        daily.truth, "  one shot later");
   }
-  std::printf("time: %s\n", times.c_str());
+  std::printf("time of the last: %s\n", times.c_str());
+}
+
+/// 1 mm down or 0.1 deg.
+void Move(bool turn, CalibratedCamera& camera) {
+  const Eigen::Vector3d centre =
+      camera.cam_from_rig.OriginInSource() - Eigen::Vector3d(0, 0, turn ? 0 : 1e-3);
+  const Eigen::Vector3d turn_rad(0, turn ? RadFromDeg(0.1) : 0, 0);
+  camera.cam_from_rig.rotation = rig::RotationOf(turn_rad) * camera.cam_from_rig.rotation;
+  camera.cam_from_rig.translation = -(camera.cam_from_rig.rotation * centre);
 }
 
 /// Pairs of calibrations between which one camera moved.
 void BenchMoved(test::ProjectedOptions options, int runs, ThreadPool& threads) {
   int named = 0, false_alarms = 0;
+  const auto calibrate = [&](const test::ProjectedRig& world) {
+    return Calibrate(world.board, world.sightings, {.validate = false}, threads).file;
+  };
   for (int run = 0; run < runs; ++run) {
-    options.rig_seed = static_cast<uint64_t>(run + 1);
-    options.noise_seed = options.rig_seed;
+    options.rig_seed = options.noise_seed = static_cast<uint64_t>(run + 1);
     const test::ProjectedRig before = test::ProjectCorners(options);
     Calibration moved = before.truth;
     CalibratedCamera& camera = moved.cameras[static_cast<size_t>(7 * run) % moved.cameras.size()];
-    const Eigen::Vector3d centre =
-        camera.cam_from_rig.OriginInSource() + Eigen::Vector3d(0, 0, run % 2 == 0 ? 1e-3 : 0);
-    const Eigen::Vector3d turn_rad(0, run % 2 == 0 ? 0 : RadFromDeg(0.1), 0);
-    camera.cam_from_rig.rotation = rig::RotationOf(turn_rad) * camera.cam_from_rig.rotation;
-    camera.cam_from_rig.translation = -(camera.cam_from_rig.rotation * centre);
+    Move(run % 2 == 1, camera);
     test::ProjectedOptions later = options;
     later.noise_seed += 1000;
     later.first_placement = options.shots;
-    const test::ProjectedRig after = test::ProjectCorners(later, moved);
     const auto comparison = OrDie(rig::CompareCalibrations(
-        Calibrate(before.board, before.sightings, nullptr, threads).file,
-        Calibrate(after.board, after.sightings, nullptr, threads).file, {}));
+        calibrate(before), calibrate(test::ProjectCorners(later, moved)), {}));
     for (const rig::CameraChange& change : comparison.cameras) {
       if (!change.moved) continue;
       (change.camera == camera.camera ? named : false_alarms) += 1;
     }
   }
-  std::printf("one camera moved by 1 mm or 0.1 deg: named in %d of %d runs, %d false alarms\n",
-              named, runs, false_alarms);
+  std::printf(
+      "\nOne camera of %d moved by 1 mm or 0.1 deg between two calibrations: named in %d of %d "
+      "runs, %d false alarms\n",
+      options.cameras, named, runs, false_alarms);
+  std::fflush(stdout);
 }
 
-void PrintReal(const Run& run, const rig::BoardSightings& sightings) {
-  size_t shots = 0;
-  for (const auto& shot : run.result.model.rig_from_board) shots += shot.has_value();
-  const CalibrationResiduals& residuals = *run.file.residuals;
-  std::printf("  cameras %zu of %zu, shots %zu of %zu, kept %zu of %zu corners (%.1f %%)\n",
-              run.file.cameras.size(), sightings.cameras.size(), shots, sightings.shots.size(),
-              residuals.kept, residuals.corners,
-              100.0 * static_cast<double>(residuals.kept) / static_cast<double>(residuals.corners));
-  std::printf(
-      "  RMS %.3f px, held-out RMS %.3f px, P95 %.3f px; halves over sigma: rotation "
-      "%.2f, position %.2f\n  time: %s\n",
-      residuals.rms_px, run.validation.held_out_rms_px, run.validation.held_out_p95_px,
-      run.validation.rotation_ratio.value_or(NAN), run.validation.position_ratio.value_or(NAN),
-      run.times.c_str());
+double Since(Clock::time_point begin) {
+  return std::chrono::duration<double>(Clock::now() - begin).count();
 }
 
-/// Our intrinsics and poses relative to the first camera against mrcal's, with the combined
-/// standard deviation of two such calibrations.
-void CompareWithMrcal(const rig::Board& board, const rig::BoardSightings& sightings, const Run& run,
-                      const std::string& lens_model) {
-  const MrcalOutcome peer = RunMrcal(board, sightings, run.result.kept, lens_model,
-                                     run.file.cameras[0].intrinsics.MeanFocal_px());
-  std::printf("  %s: %s%.1f s\n", lens_model.c_str(), peer.summary.c_str(), peer.seconds);
-  std::printf(
-      "  camera      focal/px: ours  mrcal  difference  sigma   relative pose: "
-      "difference/deg sigma  difference/mm sigma\n");
-  const CalibratedCamera& first = run.file.cameras[0];
-  const Rigid3 rig_from_first = first.cam_from_rig.Inverse();
-  for (size_t c = 0; c < run.file.cameras.size(); ++c) {
-    const CalibratedCamera& ours = run.file.cameras[c];
-    const MrcalCamera& theirs = peer.cameras[c];
-    const double focal_px = 0.5 * (theirs.intrinsics[0] + theirs.intrinsics[1]);
-    const Rigid3 cam_from_first = ours.cam_from_rig * rig_from_first;
-    const double both = std::sqrt(2.0);
-    std::printf(
-        "  %-10s %11.2f %9.2f %8.2f %8.2f %25.4f %7.4f %10.3f %6.3f\n", ours.camera.c_str(),
-        ours.intrinsics.MeanFocal_px(), focal_px, ours.intrinsics.MeanFocal_px() - focal_px,
-        both * ours.sigma->focal_px.value_or(0),
-        DegFromRad(RotationAngle_rad(cam_from_first.rotation, theirs.cam_from_first.rotation)),
-        both * std::hypot(ours.sigma->rotation_deg, first.sigma->rotation_deg),
-        1e3 * (cam_from_first.OriginInSource() - theirs.cam_from_first.OriginInSource()).norm(),
-        both * std::hypot(ours.sigma->position_mm, first.sigma->position_mm));
+/// Errors of the corners found, under the true cameras and the true target.
+void PrintCornerErrors(const rig::Board& board, const rig::BoardSightings& sightings,
+                       const Calibration& truth) {
+  rig::RigModel model;
+  for (const rig::SightedCamera& camera : sightings.cameras) {
+    const CalibratedCamera* real = truth.Find(camera.camera);
+    model.intrinsics.push_back(real->intrinsics);
+    model.cam_from_rig.push_back(real->cam_from_rig);
   }
+  for (size_t s = 0; s < sightings.shots.size(); ++s) {
+    model.rig_from_board.push_back(sim::BoardPlacement(static_cast<int>(s)));
+  }
+  model.faces = truth.board;
+  constexpr double kWrong_px = 0.5;
+  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+  double squares = 0, predicted = 0, ratio = 0;
+  size_t count = 0, wrong = 0;
+  for (const rig::FaceView& view : rig::ViewsOf(sightings)) {
+    const auto residuals = rig::Residuals_px(model, rig::ShapeOf(board), view);
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      if (residuals[i].norm() > kWrong_px) {
+        ++wrong;
+        continue;
+      }
+      const double sigma_px = view.corners[i].sigma_px;
+      sum -= residuals[i];
+      squares += 0.5 * residuals[i].squaredNorm();
+      predicted += sigma_px * sigma_px;
+      ratio += 0.5 * residuals[i].squaredNorm() / (sigma_px * sigma_px);
+      ++count;
+    }
+  }
+  const auto n = static_cast<double>(count);
+  std::printf(
+      "corners against truth: %zu, bias %.4f %.4f px, each coordinate RMS %.4f px, predicted %.4f "
+      "px, (measured/predicted)^2 %.2f; %zu off by more than %.1f px\n",
+      count, sum.x() / n, sum.y() / n, std::sqrt(squares / n), std::sqrt(predicted / n), ratio / n,
+      wrong, kWrong_px);
 }
 
-rig::BoardSightings Detect(const std::string& folder, const rig::Board& board,
-                           ThreadPool& threads) {
+/// The whole chain, from rendered pictures. Shots that are in the work folder are taken from there.
+void BenchRendered(const Arguments& arguments, ThreadPool& threads) {
+  sim::SimulateOptions options;
+  options.target = sim::Target::kCuboid;
+  options.cameras = arguments.projected.cameras;
+  options.seed = 1;
+  const int shots = arguments.projected.shots;
+  const fs::path work =
+      arguments.work / (std::to_string(options.cameras) + "x" + std::to_string(shots));
   RunContext context{threads};
-  return OrDie(rig::DetectBoards(OrDie(rig::FindShots({folder})), board, {}, context));
+  fs::create_directories(work);
+  const auto begin = Clock::now();
+  if (!fs::exists(work / "shots")) {
+    OrDie(sim::SimulatePlacements({}, options, shots, work / "shots", context));
+  }
+  if (!fs::exists(work / "later")) {
+    options.placement = shots;
+    OrDie(sim::SimulatePlacements({}, options, 1, work / "later", context));
+  }
+  std::printf("\nRendered: %d cameras of 1200x1600, %d shots (rendering: %.0f s; in %s)\n",
+              options.cameras, shots, Since(begin), work.c_str());
+  const Calibration truth = OrDie(ReadCalibration(work / "shots" / "placement_00" / "truth.json"));
+  const TimedSightings timed = Detect(work / "shots", options.board, threads);
+  PrintCornerErrors(options.board, timed.sightings, truth);
+  PrintTruthHeading();
+  const CalibrationRun run = Calibrate(options.board, timed.sightings, {}, threads);
+  PrintAgainstTruth(options.board, run, truth, "seed 1");
+  const TimedSightings later = Detect(work / "later", options.board, threads);
+  PrintAgainstTruth(
+      options.board,
+      Calibrate(options.board, later.sightings, {.intrinsics_from = &run.file}, threads), truth,
+      "  one shot later");
+  std::printf("time: detection %.1f s (%zu pictures)  %s\n", timed.seconds, timed.pictures,
+              run.times.c_str());
+}
+
+void BenchRealSets(ThreadPool& threads) {
+  const fs::path source = ROTUNDA_SOURCE_DIR;
+  const char* shared = std::getenv("ROTUNDA_SHARED");
+  const fs::path data = (shared ? fs::path(shared) : source.parent_path() / "shared") / "data";
+  BenchReal(source / "config/boards/charuco-cube.toml", data / "charuco-cube", threads);
+  BenchReal(source / "config/boards/charuco-8x11.toml", data / "charuco-4cam", threads);
 }
 
 int Main(int argc, char** argv) {
-  test::ProjectedOptions options;
-  int seeds = 5, moved = 0;
-  std::vector<std::string> real;
-  CLI::App app("Calibration of simulated rigs against truth, and of real cameras against mrcal");
-  app.add_option("--cameras", options.cameras, "Of the simulated rig")->capture_default_str();
-  app.add_option("--shots", options.shots, "Of its calibration")->capture_default_str();
-  app.add_option("--seeds", seeds, "Rigs; 0: none")->capture_default_str();
-  app.add_option("--noise", options.noise_px, "Of the corners, pixels")->capture_default_str();
-  app.add_option("--moved", moved, "Pairs of calibrations between which one camera moves")
+  Arguments arguments;
+  CLI::App app("Calibration of simulated rigs against truth, and of real cameras against mrcal",
+               "calibration");
+  app.add_option("--parts", arguments.parts,
+                 "Of projected (corners), moved (cameras), mean (inputs), real (pictures, from "
+                 "../shared or $ROTUNDA_SHARED), rendered (all pictures; a quarter of an hour)")
+      ->delimiter(',')
+      ->check(CLI::IsMember(arguments.parts))
       ->capture_default_str();
-  app.add_option("--real", real,
-                 "A board file and a folder of shots; with a board of one face mrcal calibrates "
-                 "from the same corners")
-      ->expected(2);
+  app.add_option("--cameras", arguments.projected.cameras, "Of the simulated rig")
+      ->capture_default_str();
+  app.add_option("--shots", arguments.projected.shots, "Of its calibration")->capture_default_str();
+  app.add_option("--noise", arguments.projected.noise_px, "Of projected corners, pixels")
+      ->capture_default_str();
+  app.add_option("--seeds", arguments.seeds, "Rigs of projected corners")->capture_default_str();
+  app.add_option("--runs", arguments.moved, "Pairs of calibrations between which a camera moves")
+      ->capture_default_str();
+  app.add_option("--work", arguments.work, "Where rendered shots are kept")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   ThreadPool threads(0);
-  if (seeds > 0) BenchProjected(options, seeds, threads);
-  if (moved > 0) BenchMoved(options, moved, threads);
-  if (!real.empty()) {
-    const rig::Board board = OrDie(config::ReadBoard(real[0]));
-    const rig::BoardSightings sightings = Detect(real[1], board, threads);
-    const Run run = Calibrate(board, sightings, nullptr, threads);
-    std::printf("%s\n", real[1].c_str());
-    PrintReal(run, sightings);
-    if (board.faces.size() == 1) {
-      for (const char* model : {"LENSMODEL_OPENCV4", "LENSMODEL_OPENCV5"}) {
-        CompareWithMrcal(board, sightings, run, model);
-      }
-    }
-  }
+  const std::set<std::string> parts(arguments.parts.begin(), arguments.parts.end());
+  if (parts.contains("projected")) BenchProjected(arguments.projected, arguments.seeds, threads);
+  if (parts.contains("moved")) BenchMoved(arguments.projected, arguments.moved, threads);
+  if (parts.contains("mean")) BenchMeanInputs(threads);
+  if (parts.contains("real")) BenchRealSets(threads);
+  if (parts.contains("rendered")) BenchRendered(arguments, threads);
   return 0;
 }
 

@@ -1,6 +1,7 @@
 #include "tests/bench/calibration_mrcal.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <map>
 #include <regex>
@@ -12,33 +13,52 @@
 namespace rotunda::bench {
 namespace {
 
-/// Every corner of every picture, row by row; "-" where it was not seen (mrgingham's format).
+constexpr double kCentreOfPixel = 0.5;  // mrcal, as OpenCV, has it on integers
+constexpr const char* kCornersFile = "corners.vnl";
+
+double LeastSigma_px(const std::vector<rig::FaceView>& views) {
+  double least = INFINITY;
+  for (const rig::FaceView& view : views) {
+    for (const rig::SeenCorner& corner : view.corners) least = std::min(least, corner.sigma_px);
+  }
+  return least;
+}
+
+/// A picture's corners row by row; no place where one was not seen.
+std::string PictureText(const std::string& name, int corners, const rig::FaceView& view,
+                        double unit_sigma_px) {
+  std::map<int, const rig::SeenCorner*> seen;
+  for (const rig::SeenCorner& corner : view.corners) seen[corner.corner] = &corner;
+  std::string text;
+  for (int i = 0; i < corners; ++i) {
+    const auto corner = seen.find(i);
+    if (corner == seen.end()) {
+      text += name + " - - -\n";
+      continue;
+    }
+    char place[96];
+    const rig::SeenCorner& at = *corner->second;
+    std::snprintf(place, sizeof(place), " %.6f %.6f %.6f\n", at.pixel.x() - kCentreOfPixel,
+                  at.pixel.y() - kCentreOfPixel, unit_sigma_px / at.sigma_px);
+    text += name + place;
+  }
+  return text;
+}
+
+/// mrgingham's format, of all pictures.
 std::string CornersText(const rig::Board& board, const rig::BoardSightings& sightings,
                         const std::vector<rig::FaceView>& views) {
   std::map<std::pair<size_t, size_t>, const rig::FaceView*> by_picture;
   for (const rig::FaceView& view : views) by_picture[{view.camera, view.shot}] = &view;
-  std::string text = "# filename x y level\n";
-  char line[120];
+  const double unit_sigma_px = LeastSigma_px(views);
+  std::string text = "# filename x y weight\n";
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
     for (size_t s = 0; s < sightings.shots.size(); ++s) {
       const std::string name = "cam" + std::to_string(c) + "-" + std::to_string(s) + ".png";
-      const auto place = by_picture.find({c, s});
-      if (place == by_picture.end()) {
-        text += name + " - - -\n";
-        continue;
-      }
-      std::map<int, Eigen::Vector2d> seen;
-      for (const auto& corner : place->second->corners) seen[corner.corner] = corner.pixel;
-      for (int corner = 0; corner < board.faces[0].CornerCount(); ++corner) {
-        const auto found = seen.find(corner);
-        if (found == seen.end()) {
-          text += name + " - - -\n";
-          continue;
-        }
-        std::snprintf(line, sizeof(line), "%s %.6f %.6f 0\n", name.c_str(), found->second.x() - 0.5,
-                      found->second.y() - 0.5);
-        text += line;
-      }
+      const auto view = by_picture.find({c, s});
+      text += view == by_picture.end()
+                  ? name + " - - -\n"
+                  : PictureText(name, board.faces[0].CornerCount(), *view->second, unit_sigma_px);
     }
   }
   return text;
@@ -58,36 +78,64 @@ std::vector<double> Numbers(const std::string& text, const std::string& key) {
   return numbers;
 }
 
-}  // namespace
-
-MrcalOutcome RunMrcal(const rig::Board& board, const rig::BoardSightings& sightings,
-                      const std::vector<rig::FaceView>& views, const std::string& lens_model,
-                      double focal_px) {
-  const test::TemporaryFolder folder;
-  OrDie(WriteFileAtomically(folder / "corners.vnl", CornersText(board, sightings, views)));
+std::vector<std::string> Command(const rig::Board& board, const rig::BoardSightings& sightings,
+                                 const MrcalLens& lens, double focal_px,
+                                 const test::TemporaryFolder& folder) {
   const rig::BoardFace& face = board.faces[0];
-  std::vector<std::string> command = {"mrcal-calibrate-cameras",
-                                      "--corners-cache",
-                                      (folder / "corners.vnl").string(),
-                                      "--lensmodel",
-                                      lens_model,
-                                      "--focal",
-                                      std::to_string(focal_px),
-                                      "--imagersize",
-                                      std::to_string(sightings.cameras[0].width_px),
-                                      std::to_string(sightings.cameras[0].height_px),
-                                      "--object-spacing",
-                                      std::to_string(face.square_m),
-                                      "--object-width-n",
-                                      std::to_string(face.columns - 1),
-                                      "--object-height-n",
-                                      std::to_string(face.rows - 1),
-                                      "--outdir",
-                                      folder.path().string()};
+  const rig::SightedCamera& camera = sightings.cameras[0];
+  std::vector<std::string> command = {"mrcal-calibrate-cameras", "--corners-cache-has-weights"};
+  const auto add = [&](const std::string& option, const std::vector<std::string>& values) {
+    command.push_back(option);
+    command.insert(command.end(), values.begin(), values.end());
+  };
+  add("--corners-cache", {(folder / kCornersFile).string()});
+  add("--lensmodel", {lens.name});
+  add("--focal", {std::to_string(focal_px)});
+  add("--imagersize", {std::to_string(camera.width_px), std::to_string(camera.height_px)});
+  add("--object-spacing", {std::to_string(face.square_m)});
+  add("--object-width-n", {std::to_string(face.columns - 1)});
+  add("--object-height-n", {std::to_string(face.rows - 1)});
+  add("--outdir", {folder.path().string()});
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
     command.push_back("cam" + std::to_string(c) + "-*.png");
   }
-  const test::ProcessOutcome outcome = RunOrDie(command);
+  return command;
+}
+
+MrcalCamera ReadCamera(const std::filesystem::path& file, const rig::SightedCamera& sighted) {
+  const std::string text = OrDie(ReadFile(file));
+  const std::vector<double> extrinsics = Numbers(text, "extrinsics");
+  MrcalCamera camera;
+  camera.intrinsics = {CameraModel::kOpencv, sighted.width_px, sighted.height_px,
+                       Numbers(text, "intrinsics")};
+  std::vector<double>& params = camera.intrinsics.params;
+  params[2] += kCentreOfPixel;
+  params[3] += kCentreOfPixel;
+  // Its models are the beginnings of OpenCV's full one.
+  if (params.size() > CameraParamCount(CameraModel::kOpencv)) {
+    camera.intrinsics.model = CameraModel::kFullOpencv;
+    params.resize(CameraParamCount(CameraModel::kFullOpencv), 0.0);
+  }
+  camera.cam_from_first = {
+      rig::RotationOf(Eigen::Vector3d(extrinsics[0], extrinsics[1], extrinsics[2])),
+      Eigen::Vector3d(extrinsics[3], extrinsics[4], extrinsics[5])};
+  return camera;
+}
+
+}  // namespace
+
+std::vector<MrcalLens> MrcalLenses() {
+  return {{"LENSMODEL_OPENCV4", CameraModel::kOpencv},
+          {"LENSMODEL_OPENCV5", CameraModel::kOpencv},
+          {"LENSMODEL_OPENCV8", CameraModel::kFullOpencv}};
+}
+
+MrcalOutcome RunMrcal(const rig::Board& board, const rig::BoardSightings& sightings,
+                      const std::vector<rig::FaceView>& views, const MrcalLens& lens,
+                      double focal_px) {
+  const test::TemporaryFolder folder;
+  OrDie(WriteFileAtomically(folder / kCornersFile, CornersText(board, sightings, views)));
+  const test::ProcessOutcome outcome = RunOrDie(Command(board, sightings, lens, focal_px, folder));
   MrcalOutcome result;
   result.seconds = outcome.seconds;
   std::istringstream lines(outcome.output + outcome.errors);
@@ -95,13 +143,8 @@ MrcalOutcome RunMrcal(const rig::Board& board, const rig::BoardSightings& sighti
     if (line.starts_with("RMS") || line.starts_with("Noutliers")) result.summary += line + "  ";
   }
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
-    const std::string text =
-        OrDie(ReadFile(folder / ("camera-" + std::to_string(c) + ".cameramodel")));
-    const std::vector<double> extrinsics = Numbers(text, "extrinsics");
-    const std::vector<double> intrinsics = Numbers(text, "intrinsics");
-    const Eigen::Vector3d turn(extrinsics[0], extrinsics[1], extrinsics[2]);
-    const Eigen::Vector3d shift(extrinsics[3], extrinsics[4], extrinsics[5]);
-    result.cameras.push_back({intrinsics, {rig::RotationOf(turn), shift}});
+    result.cameras.push_back(ReadCamera(folder / ("camera-" + std::to_string(c) + ".cameramodel"),
+                                        sightings.cameras[c]));
   }
   const Rigid3 first_from_reference = result.cameras[0].cam_from_first;
   for (MrcalCamera& camera : result.cameras) {

@@ -7,9 +7,9 @@
 
 namespace rotunda::bench {
 
-/// A camera as Debian's mrcal-calibrate-cameras found it.
+/// A camera as Debian's mrcal-calibrate-cameras found it, in our conventions.
 struct MrcalCamera {
-  std::vector<double> intrinsics;  // fx fy cx cy k1 k2 p1 p2 [k3]; centres of pixels on integers
+  CameraIntrinsics intrinsics;
   Rigid3 cam_from_first;
 };
 
@@ -19,10 +19,18 @@ struct MrcalOutcome {
   double seconds = 0;
 };
 
-/// Gives mrcal the same corners (`views`: of a board with one face) and runs it with `lens_model`
-/// ("LENSMODEL_OPENCV5", ...). Ends the program when that fails.
+/// A lens model of mrcal's, and the one of ours that it is compared with.
+struct MrcalLens {
+  std::string name;  // "LENSMODEL_OPENCV5", ...
+  CameraModel ours;
+};
+/// With as many parameters as ours has; and OPENCV5, whose third radial one ours (opencv) lacks.
+std::vector<MrcalLens> MrcalLenses();
+
+/// Gives mrcal the same corners (`views`: of a board with one face), weighted by their sigma_px as
+/// we weight them, and runs it. Ends the program when that fails.
 MrcalOutcome RunMrcal(const rig::Board& board, const rig::BoardSightings& sightings,
-                      const std::vector<rig::FaceView>& views, const std::string& lens_model,
+                      const std::vector<rig::FaceView>& views, const MrcalLens& lens,
                       double focal_px);
 
 }  // namespace rotunda::bench

@@ -299,9 +299,10 @@ TEST(RigCalibration, MissingCoverageIsNamedWithWhatToDo) {
   const auto result = Calibrate(world);
   ASSERT_TRUE(result.ok());
   const auto checks = CheckCameras(world.board, world.sightings, *result, {});
-  ASSERT_FALSE(checks[7].advice.empty());
-  EXPECT_NE(checks[7].advice[0].find("no corner in its lower third"), std::string::npos)
-      << checks[7].advice[0];
+  const auto& advice = checks[7].advice;
+  EXPECT_TRUE(std::any_of(advice.begin(), advice.end(), [](const std::string& text) {
+    return text.find("no corner in its lower third") != std::string::npos;
+  })) << (advice.empty() ? "no advice" : advice[0]);
 }
 
 TEST(RigCalibration, NoBoardInAnyPictureIsRefused) {
