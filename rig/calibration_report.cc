@@ -32,7 +32,7 @@ section{margin:30px 0}
 .tile dt{color:var(--soft);font-size:.84rem}
 .tile dd{margin:0;font-size:1.4rem;font-weight:620}
 .tile dd small{display:block;font-size:.84rem;font-weight:400;color:var(--soft)}
-.views{display:grid;grid-template-columns:1fr 1fr;gap:14px}
+.views{display:grid;grid-template-columns:1fr 1fr;gap:14px;align-items:start}
 .maps{display:grid;grid-template-columns:repeat(auto-fill,minmax(112px,1fr));gap:10px}
 figure{margin:0;padding:8px}
 figcaption{font-size:.8rem;color:var(--soft)}
@@ -193,13 +193,19 @@ std::string ComparisonTable(const CalibrationComparison& comparison) {
   return Table({"camera", "mm", "deg", "sigmas", "focal length %", ""}, rows);
 }
 
-std::string Maps(const CalibrationReportInput& input) {
+double LongestResidual_px(const std::vector<CameraCheck>& checks) {
   double longest_px = 0;
-  size_t most = 1;
-  for (const CameraCheck& check : input.checks) {
+  for (const CameraCheck& check : checks) {
     for (const Eigen::Vector2d& mean : check.mean_px) {
       longest_px = std::max(longest_px, mean.norm());
     }
+  }
+  return longest_px;
+}
+
+std::string Maps(const CalibrationReportInput& input, double longest_px) {
+  size_t most = 1;
+  for (const CameraCheck& check : input.checks) {
     for (const size_t count : check.cells) most = std::max(most, count);
   }
   std::string html = "<div class=\"maps\">";
@@ -231,11 +237,13 @@ std::string BuildCalibrationReport(const CalibrationReportInput& input) {
                       "<figure class=\"card\">" +
                       DrawLayout(input.board, input.result, LayoutView::kSide) +
                       "<figcaption>from the side</figcaption></figure></div>");
+  const double longest_px = LongestResidual_px(input.checks);
   html += Section("Coverage and residuals over the picture",
                   "The darker a cell, the more corners; a red one has none. Bars show the mean "
-                  "residual of a cell, all to one scale: in a good calibration they are short and "
-                  "point anywhere.",
-                  Maps(input));
+                  "residual of a cell, all to one scale, the longest " +
+                      Significant(longest_px) +
+                      " px: in a good calibration they are short and point anywhere.",
+                  Maps(input, longest_px));
   html += Section("Cameras",
                   "Sigmas are one standard deviation after the rigid fit of all camera centres "
                   "(roots of the traces). Projection: how far a point of the rig may appear off.",

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -64,6 +65,29 @@ Result<std::optional<Calibration>> ReadOptional(const std::optional<fs::path>& f
   return std::optional<Calibration>(std::move(calibration));
 }
 
+/// "c00r5, c01r5 and c02r5".
+std::string Listed(const std::vector<std::string>& names) {
+  std::string text = names[0];
+  for (size_t i = 1; i < names.size(); ++i) {
+    text += (i + 1 == names.size() ? " and " : ", ") + names[i];
+  }
+  return text;
+}
+
+/// What to do for better coverage, once for all cameras to whom it applies.
+std::vector<std::string> Advice(const rig::BoardSightings& sightings,
+                                const std::vector<rig::CameraCheck>& checks) {
+  std::map<std::string, std::vector<std::string>> cameras;
+  for (size_t c = 0; c < checks.size(); ++c) {
+    for (const std::string& advice : checks[c].advice) {
+      cameras[advice].push_back(sightings.cameras[c].camera);
+    }
+  }
+  std::vector<std::string> lines;
+  for (const auto& [advice, names] : cameras) lines.push_back(Listed(names) + ": " + advice);
+  return lines;
+}
+
 std::vector<std::string> Notes(const rig::BoardSightings& sightings,
                                const rig::RigCalibration& result,
                                const std::vector<rig::CameraCheck>& checks) {
@@ -73,7 +97,6 @@ std::vector<std::string> Notes(const rig::BoardSightings& sightings,
     if (!result.camera_problem[c].empty()) {
       notes.push_back(name + " is not calibrated: " + result.camera_problem[c]);
     }
-    for (const std::string& advice : checks[c].advice) notes.push_back(name + ": " + advice);
   }
   for (size_t s = 0; s < sightings.shots.size(); ++s) {
     if (!result.shot_problem[s].empty()) {
@@ -85,6 +108,7 @@ std::vector<std::string> Notes(const rig::BoardSightings& sightings,
     notes.push_back(sightings.cameras[*dropped.camera].camera + " in " +
                     sightings.shots[dropped.shot].id + " was left out: " + dropped.reason);
   }
+  for (std::string& advice : Advice(sightings, checks)) notes.push_back(std::move(advice));
   if (result.drawing_refused) {
     notes.push_back(
         "the faces of the board do not stand as the board file draws them; where they are was "
