@@ -14,11 +14,6 @@ namespace {
 /// Loss scale over the noise: errors up to about this many sigmas pull with nearly full weight.
 constexpr double kLossSigmas = 3.0;
 
-RigProblem ProblemOf(const Board& board, const BoardShape& shape,
-                     const std::vector<FacePrior>& priors) {
-  return {board, shape, priors};
-}
-
 /// The drawing, or what the earlier calibration found where it knows the face.
 std::vector<FacePrior> PriorsOf(const Board& board, const Calibration* earlier) {
   std::vector<FacePrior> priors = DrawnPriors(board);
@@ -418,7 +413,7 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   result.held_intrinsics = HeldIntrinsics(sightings, options.intrinsics_from);
   result.priors = PriorsOf(board, options.intrinsics_from);
   const BoardShape shape = ShapeOf(board);
-  const RigProblem problem = ProblemOf(board, shape, result.priors);
+  const RigProblem problem = {board, shape, result.priors};
 
   context.Report("start", 0, 1);
   ROTUNDA_ASSIGN_OR_RETURN(
