@@ -79,7 +79,7 @@ std::vector<double> Numbers(const std::string& text, const std::string& key) {
 }
 
 std::vector<std::string> Command(const rig::Board& board, const rig::BoardSightings& sightings,
-                                 const MrcalLens& lens, double focal_px,
+                                 const std::string& lens_model, double focal_px,
                                  const test::TemporaryFolder& folder) {
   const rig::BoardFace& face = board.faces[0];
   const rig::SightedCamera& camera = sightings.cameras[0];
@@ -89,7 +89,7 @@ std::vector<std::string> Command(const rig::Board& board, const rig::BoardSighti
     command.insert(command.end(), values.begin(), values.end());
   };
   add("--corners-cache", {(folder / kCornersFile).string()});
-  add("--lensmodel", {lens.name});
+  add("--lensmodel", {lens_model});
   add("--focal", {std::to_string(focal_px)});
   add("--imagersize", {std::to_string(camera.width_px), std::to_string(camera.height_px)});
   add("--object-spacing", {std::to_string(face.square_m)});
@@ -124,18 +124,13 @@ MrcalCamera ReadCamera(const std::filesystem::path& file, const rig::SightedCame
 
 }  // namespace
 
-std::vector<MrcalLens> MrcalLenses() {
-  return {{"LENSMODEL_OPENCV4", CameraModel::kOpencv},
-          {"LENSMODEL_OPENCV5", CameraModel::kOpencv},
-          {"LENSMODEL_OPENCV8", CameraModel::kFullOpencv}};
-}
-
 MrcalOutcome RunMrcal(const rig::Board& board, const rig::BoardSightings& sightings,
-                      const std::vector<rig::FaceView>& views, const MrcalLens& lens,
+                      const std::vector<rig::FaceView>& views, const std::string& lens_model,
                       double focal_px) {
   const test::TemporaryFolder folder;
   OrDie(WriteFileAtomically(folder / kCornersFile, CornersText(board, sightings, views)));
-  const test::ProcessOutcome outcome = RunOrDie(Command(board, sightings, lens, focal_px, folder));
+  const test::ProcessOutcome outcome =
+      RunOrDie(Command(board, sightings, lens_model, focal_px, folder));
   MrcalOutcome result;
   result.seconds = outcome.seconds;
   std::istringstream lines(outcome.output + outcome.errors);

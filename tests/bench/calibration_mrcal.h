@@ -19,18 +19,11 @@ struct MrcalOutcome {
   double seconds = 0;
 };
 
-/// A lens model of mrcal's, and the one of ours that it is compared with.
-struct MrcalLens {
-  std::string name;  // "LENSMODEL_OPENCV5", ...
-  CameraModel ours;
-};
-/// With as many parameters as ours has; and OPENCV5, whose third radial one ours (opencv) lacks.
-std::vector<MrcalLens> MrcalLenses();
-
 /// Gives mrcal the same corners (`views`: of a board with one face), weighted by their sigma_px as
-/// we weight them, and runs it. Ends the program when that fails.
+/// we weight them, and runs it with `lens_model` ("LENSMODEL_OPENCV5", ...). Ends the program when
+/// that fails.
 MrcalOutcome RunMrcal(const rig::Board& board, const rig::BoardSightings& sightings,
-                      const std::vector<rig::FaceView>& views, const MrcalLens& lens,
+                      const std::vector<rig::FaceView>& views, const std::string& lens_model,
                       double focal_px);
 
 }  // namespace rotunda::bench

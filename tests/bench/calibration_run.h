@@ -17,7 +17,6 @@ struct CalibrationRun {
 };
 
 struct CalibrationRunOptions {
-  CameraModel model = CameraModel::kOpencv;
   const Calibration* intrinsics_from = nullptr;
   bool validate = true;
 };
