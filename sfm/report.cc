@@ -4,7 +4,7 @@
 
 #include "sfm/report_charts.h"
 #include "sfm/report_facts.h"
-#include "sfm/report_html.h"
+#include "sfm/core/html_text.h"
 #include "sfm/report_style.h"
 #include "sfm/report_thumbnails.h"
 #include "sfm/report_views.h"
@@ -323,7 +323,7 @@ Result<std::string> BuildReport(const ReportInput& input, RunContext& context) {
   std::string html =
       "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>"
       "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"/><title>" +
-      report::Escaped(input.poses.frameset) + " – Rotunda</title>\n<style>";
+      Escaped(input.poses.frameset) + " – Rotunda</title>\n<style>";
   html += report::StyleSheet();
   html += report::ColourRules(facts) + "</style></head>\n<body data-by=\"state\">\n" +
           report::HeaderHtml(input) + "<main>\n<div class=\"verdicts\">" +
