@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 
+#include "rig/bandwidth.h"
 #include "rig/frame_memory.h"
 #include "sfm/core/result.h"
 
@@ -38,9 +39,9 @@ struct CameraSettings {
   double gain_db = 0;
   std::string trigger_source = "Line0";  // the camera's input the trigger cable is plugged into
   bool ptp = false;                      // clocks kept together by IEEE 1588
-  int packet_size_bytes = 9000;
-  int64_t packet_delay_ns = 0;  // between two packets of a frame (SCPD)
-  bool resend = true;           // ask again for lost packets
+  int packet_size_bytes = 9000;          // at most; less where the path carries less
+  BandwidthShare bandwidth;              // sets the gap between packets
+  bool resend = true;                    // ask again for lost packets
 };
 
 /// Exactly the settings that can be read from a camera, as it has them.
@@ -62,7 +63,7 @@ enum class TriggerBy { kLine, kSoftware };
 struct CameraFrame {
   bool complete = false;
   std::string problem;  // why it is not complete
-  FrameBlock memory;    // pixels, row by row, no padding; of an incomplete frame what has arrived
+  FrameBlock memory;    // pixels, row by row, no padding
   uint64_t frame_id = 0;
   uint64_t timestamp_ns = 0;  // start of exposure by the camera's clock
   int width_px = 0;
