@@ -158,6 +158,7 @@ class AravisCamera final : public Camera {
   const CameraIdentity& identity() const override { return identity_; }
   Result<AppliedSettings> Apply(const CameraSettings& settings) override;
   Status Arm(TriggerBy by, FrameBlock memory) override;
+  Status Refill(FrameBlock memory) override;
   Result<bool> WaitArmed(Clock::time_point deadline) override;
   Status SoftwareTrigger() override;
   std::optional<CameraFrame> Fetch(Clock::time_point deadline) override;
@@ -184,6 +185,8 @@ class AravisCamera final : public Camera {
   Status SetTriggerSource(const std::string& source);
   Result<AppliedSettings> ReadBack(const CameraSettings& settings);
   Status CheckControl();
+  Status CheckMemory(const FrameBlock& memory) const;
+  void Lend(FrameBlock memory);
   Result<int64_t> PtpOffset_ns();
   Result<bool> ReadArmed();
   uint64_t Counter(const char* name) const {
@@ -217,9 +220,9 @@ class AravisCamera final : public Camera {
 
 AravisCamera::~AravisCamera() {
   g_signal_handler_disconnect(device_, control_lost_handler_);
+  DropBuffers();
   // A camera that is gone would keep us waiting for seconds; there is nothing to stop.
   if (acquiring_ && !control_lost_) arv_camera_stop_acquisition(camera_.get(), nullptr);
-  if (stream_ && receiving_) arv_stream_stop_thread(stream_.get(), TRUE);
 }
 
 Status AravisCamera::ReadProperties() {
@@ -410,10 +413,7 @@ Result<AppliedSettings> AravisCamera::ReadBack(const CameraSettings& settings) {
 
 Result<AppliedSettings> AravisCamera::Apply(const CameraSettings& settings) {
   ROTUNDA_RETURN_IF_ERROR(Disarm());
-  if (stream_) {
-    DropBuffers();
-    stream_.reset();
-  }
+  stream_.reset();
   ROTUNDA_RETURN_IF_ERROR(ApplyPicture(settings));
   ROTUNDA_RETURN_IF_ERROR(ApplyExposure(settings));
   ROTUNDA_RETURN_IF_ERROR(ApplyTrigger(settings));
@@ -442,25 +442,40 @@ void AravisCamera::DropBuffers() {
   receiving_ = false;
 }
 
+Status AravisCamera::CheckMemory(const FrameBlock& memory) const {
+  if (stream_ && memory.size() >= payload_bytes_) return {};
+  return Error{
+      ErrorCode::kInvalidArgument,
+      std::to_string(memory.size()) + " bytes for a frame of " + std::to_string(payload_bytes_),
+      "frame memory"};
+}
+
+void AravisCamera::Lend(FrameBlock memory) {
+  missing_when_armed_ = Counter("n_missing_packets");
+  frame_pending_ = true;
+  arv_stream_push_buffer(stream_.get(), MakeBuffer(std::move(memory), payload_bytes_).release());
+}
+
+Status AravisCamera::Refill(FrameBlock memory) {
+  ROTUNDA_RETURN_IF_ERROR(CheckMemory(memory));
+  if (!acquiring_) return Arm(TriggerBy::kLine, std::move(memory));
+  ROTUNDA_RETURN_IF_ERROR(CheckControl());
+  if (!frame_pending_) Lend(std::move(memory));
+  return {};
+}
+
 Status AravisCamera::Arm(TriggerBy by, FrameBlock memory) {
-  if (!stream_ || memory.size() < payload_bytes_) {
-    return Error{
-        ErrorCode::kInvalidArgument,
-        std::to_string(memory.size()) + " bytes for a frame of " + std::to_string(payload_bytes_),
-        "frame memory"};
-  }
+  ROTUNDA_RETURN_IF_ERROR(CheckMemory(memory));
   ROTUNDA_RETURN_IF_ERROR(Disarm());
   ROTUNDA_RETURN_IF_ERROR(CheckControl());
   ROTUNDA_RETURN_IF_ERROR(SetTriggerSource(by == TriggerBy::kLine ? line_source_ : "Software"));
   // Ids restart at AcquisitionStart on many cameras; a stream that goes on would take every frame
   // for an old one. Restarting its thread forgets the last id and keeps the socket.
   DropBuffers();
-  arv_stream_push_buffer(stream_.get(), MakeBuffer(std::move(memory), payload_bytes_).release());
+  Lend(std::move(memory));
   arv_stream_start_thread(stream_.get());
   receiving_ = true;
-  missing_when_armed_ = Counter("n_missing_packets");
   unasked_when_armed_ = Counter("n_underruns");
-  frame_pending_ = true;
   acquiring_ = true;
   GErrorSlot error;
   arv_camera_start_acquisition(camera_.get(), error.out());
@@ -540,13 +555,15 @@ void AravisCamera::WaitUntilQuiet() {
 }
 
 Status AravisCamera::Disarm() {
-  if (!acquiring_) return {};
-  acquiring_ = false;
-  if (control_lost_) return {};
   GErrorSlot error;
-  arv_camera_stop_acquisition(camera_.get(), error.out());
-  // Packets of a frame that nobody took must not be taken for the next one.
-  if (frame_pending_ || Counter("n_underruns") != unasked_when_armed_) WaitUntilQuiet();
+  if (acquiring_ && !control_lost_) {
+    arv_camera_stop_acquisition(camera_.get(), error.out());
+    // Packets of a frame that nobody took must not be taken for the next one.
+    if (frame_pending_ || Counter("n_underruns") != unasked_when_armed_) WaitUntilQuiet();
+  }
+  acquiring_ = false;
+  frame_pending_ = false;
+  DropBuffers();
   return error.status("AcquisitionStop");
 }
 

@@ -108,6 +108,8 @@ class Camera {
   /// least). What an earlier shot left behind is thrown away. kFailed when control was lost or the
   /// camera does not answer.
   virtual Status Arm(TriggerBy by, FrameBlock memory) = 0;
+  /// For another trigger while the camera stays armed: memory for one more frame.
+  virtual Status Refill(FrameBlock memory) = 0;
   /// True once the camera says that it will answer a trigger (or cannot tell); false at `deadline`.
   virtual Result<bool> WaitArmed(Clock::time_point deadline) = 0;
   /// Fires the camera alone; it must be armed by kSoftware.

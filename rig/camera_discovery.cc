@@ -139,6 +139,7 @@ Result<CameraIdentity> ProbeCamera(const std::string& address, std::chrono::mill
   pollfd readable{socket.get(), POLLIN, 0};
   while (::poll(&readable, 1, MillisecondsUntil(deadline)) > 0) {
     Answer answer{};
+    errno = 0;
     if (ReceiveAnswer(socket.get(), answer)) {
       CameraIdentity identity = IdentityOf(answer);
       identity.address = address;
