@@ -25,9 +25,12 @@ enum class FaultKind {
   kMute,            // (no value) the trigger cable is cut
   kUnplug,          // (no value) network and power are gone at once; cleared: it boots
   kUnplugInFrame,   // part 0..1 of the next frame's packets that is sent before it is unplugged
-  kStealControl,    // (no value) another client has taken exclusive control; cleared: it is free
+  kStealControl,    // another client has exclusive control (1: and the camera does not tell who
+                    // asks whether it has control); cleared: it is free
   kReboot,          // ms the camera takes to boot; all settings and the control are lost; once
 };
+
+inline constexpr size_t kFaultKinds = static_cast<size_t>(FaultKind::kReboot) + 1;
 
 struct FaultText {
   FaultKind kind;
@@ -50,16 +53,17 @@ struct Fault {
 };
 
 /// A command of the trigger socket:
-///   pulse [LINE [EDGE_NS]]           an edge on input LINE (0), at EDGE_NS of the monotonic clock
+///   pulse [LINE [EDGE_NS [WIDTH_US]]] on input LINE (0), rising at EDGE_NS of the monotonic clock
 ///   shot NUMBER                      what the cameras see next
-///   fault CAMERA KIND [VALUE [FRAMES]]   CAMERA: name, serial, address or "all"
+///   fault CAMERA KIND [VALUE [FRAMES]]   CAMERA: name, serial number, address or "all"
 ///   clear [CAMERA]                   no more faults
 ///   list                             a line a camera
 struct ServerCommand {
   enum class Kind { kPulse, kShot, kFault, kClear, kList };
   Kind kind = Kind::kPulse;
   int line = 0;
-  std::optional<int64_t> edge_ns;
+  std::optional<int64_t> edge_ns;  // now
+  int64_t width_us = 1000;
   int shot = 0;
   std::string camera = "all";
   Fault fault;

@@ -15,8 +15,8 @@ namespace rotunda::sim {
 
 /// One simulated camera as it comes out of its box.
 struct SimulatedCamera {
-  std::string name;    // DeviceUserID; unique
-  std::string serial;  // unique, at most 15 characters
+  std::string name;  // DeviceUserID; names and serial numbers: 1 to 15 characters, each once
+  std::string serial;
   int width_px = 1200;
   int height_px = 1600;
   PixelFormat format = PixelFormat::kBayerRG8;
@@ -27,6 +27,10 @@ struct SimulatedCamera {
 
 /// `count` cameras named c001, c002, ... with serials SIM00001, ...
 std::vector<SimulatedCamera> MakeCameras(int count, const SimulatedCamera& like);
+
+/// The cameras that took the frames: their names, serial numbers, picture size and format, as far
+/// as a camera's registers can have them (else as MakeCameras has them).
+std::vector<SimulatedCamera> CamerasOf(const ServedShots& shots);
 
 /// The first three bytes of the addresses: camera i has BLOCK.(i+1). Any of 127.0.0.0/8 needs no
 /// set-up on Linux.
@@ -76,7 +80,7 @@ class CameraServer {
   const SimulatedCamera& camera(int camera) const;
   const std::filesystem::path& socket() const;
 
-  /// A rising edge on input `line` of every camera, now; the time of the edge (steady clock).
+  /// A pulse on input `line` of every camera, now; the time of its rising edge (steady clock).
   int64_t Pulse(int line = 0);
   /// What the cameras see from the next pulse on. A pulse on the trigger line then advances it by
   /// one (see pulse_advances_shot); frames triggered by software show it without advancing it.
@@ -84,7 +88,6 @@ class CameraServer {
 
   /// Replaces a fault of the same kind. kInvalidArgument: no such camera, a value out of range.
   Status SetFault(int camera, const Fault& fault);
-  Status ClearFault(int camera, FaultKind kind);
   void ClearFaults();  // of all cameras
 
   CameraCounters counters(int camera) const;

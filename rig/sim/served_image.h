@@ -34,6 +34,9 @@ struct ServedImage {
   std::vector<uint8_t> bytes;
 };
 
+/// How many bytes an image of its size and format has.
+size_t ImageBytes(const ServedImage& image);
+
 /// `image` as a camera set to `format` would send it: colour becomes luma or keeps one channel a
 /// pixel (Bayer), grey becomes three equal channels. Bayer becomes others without interpolation,
 /// each pixel its own value in all channels.
@@ -59,7 +62,8 @@ struct Exposure {
 
 /// What the camera sees. Called from the server's sender thread, one call at a time, and may take
 /// its time (rendering). Of any size: it is converted and cut to what the camera is set to. The
-/// server holds it while the frame can still be asked for again.
+/// server holds it while the frame can still be asked for again. Nothing, or an image whose bytes
+/// do not fit its size, is sent as black.
 using FrameSource = std::function<std::shared_ptr<const ServedImage>(const Exposure&)>;
 
 /// Grey ramps that differ from camera to camera and from shot to shot.
