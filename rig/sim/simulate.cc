@@ -153,6 +153,14 @@ Status WritePictures(const World& world, const Calibration& truth, const RigOpti
 
 }  // namespace
 
+Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options) {
+  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  Calibration truth =
+      DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
+  truth.id = "simulated-" + std::to_string(options.seed);
+  return truth;
+}
+
 Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
                          RunContext& context) {
   World world;
@@ -187,12 +195,9 @@ Picture RenderPicture(const World& world, const RayScene& scene, const Calibrate
 
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context) {
-  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, options));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
   ROTUNDA_ASSIGN_OR_RETURN(const World world, BuildWorld(rig, options, context));
-  Calibration truth =
-      DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
-  truth.id = "simulated-" + std::to_string(options.seed);
   FrameSet set;
   set.id = truth.id;
   set.captured_at = truth.created_at;

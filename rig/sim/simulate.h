@@ -11,6 +11,7 @@
 #include "rig/sim/rig_options.h"
 #include "rig/sim/texture.h"
 #include "rig/sim/world.h"
+#include "sfm/core/calibration.h"
 #include "sfm/core/result.h"
 #include "sfm/core/run_context.h"
 
@@ -33,6 +34,9 @@ struct SimulateOptions {
   int cameras = 90;            // how many of the rig's
   double picture_scale = 1.0;  // of the rig's picture size
 };
+
+/// The exact cameras of the simulated rig. kInvalidArgument names the option.
+Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options);
 
 /// Who or what stands in the rig, dressed and lit.
 Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
