@@ -95,14 +95,16 @@ void GigeSender::Run(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
   while (!stop.stop_requested()) {
     const auto active = active_;
-    const auto resends = std::exchange(resends_, {});
     has_news_ = false;
     lock.unlock();
-    for (const PendingResend& resend : resends) SendAgain(resend);
+    AnswerResends();
     const int64_t now_ns = settings_.now_ns();
     int64_t next_ns = INT64_MAX;
     for (const auto& transmission : active) {
-      if (transmission->due_ns <= now_ns && !transmission->is_cut) SendBurst(*transmission, now_ns);
+      if (transmission->due_ns <= now_ns && !transmission->is_cut) {
+        SendBurst(*transmission, now_ns);
+        AnswerResends();  // a client asks only so often
+      }
       if (transmission->next < transmission->packets) {
         next_ns = std::min(next_ns, transmission->due_ns);
       }
@@ -117,6 +119,15 @@ void GigeSender::Run(const std::stop_token& stop) {
       wake_.wait_for(lock, stop, std::chrono::nanoseconds(pause_ns), news);
     }
   }
+}
+
+void GigeSender::AnswerResends() {
+  std::vector<PendingResend> resends;
+  {
+    const std::lock_guard lock(mutex_);
+    resends.swap(resends_);
+  }
+  for (const PendingResend& resend : resends) SendAgain(resend);
 }
 
 void GigeSender::SendBurst(Transmission& transmission, int64_t now_ns) {

@@ -63,6 +63,7 @@ class GigeSender {
   void Run(const std::stop_token& stop);
   void ForgetDone();
   std::shared_ptr<Transmission> Find(int camera, uint16_t block_id) const;
+  void AnswerResends();
   void SendBurst(Transmission& transmission, int64_t now_ns);
   void SendAgain(const PendingResend& resend);
   void Append(Transmission& transmission, uint32_t packet);
