@@ -193,6 +193,7 @@ class AravisCamera final : public Camera {
     return arv_stream_get_info_uint64_by_name(stream_.get(), name);
   }
   void DropBuffers();
+  void CloseStream();
   void WaitUntilQuiet();
   CameraFrame Describe(ArvBuffer* buffer) const;
 
@@ -220,7 +221,7 @@ class AravisCamera final : public Camera {
 
 AravisCamera::~AravisCamera() {
   g_signal_handler_disconnect(device_, control_lost_handler_);
-  DropBuffers();
+  CloseStream();
   // A camera that is gone would keep us waiting for seconds; there is nothing to stop.
   if (acquiring_ && !control_lost_) arv_camera_stop_acquisition(camera_.get(), nullptr);
 }
@@ -413,7 +414,7 @@ Result<AppliedSettings> AravisCamera::ReadBack(const CameraSettings& settings) {
 
 Result<AppliedSettings> AravisCamera::Apply(const CameraSettings& settings) {
   ROTUNDA_RETURN_IF_ERROR(Disarm());
-  stream_.reset();
+  CloseStream();
   ROTUNDA_RETURN_IF_ERROR(ApplyPicture(settings));
   ROTUNDA_RETURN_IF_ERROR(ApplyExposure(settings));
   ROTUNDA_RETURN_IF_ERROR(ApplyTrigger(settings));
@@ -438,8 +439,15 @@ Status AravisCamera::CheckControl() {
 }
 
 void AravisCamera::DropBuffers() {
-  if (receiving_) arv_stream_stop_thread(stream_.get(), TRUE);
+  if (stream_ && receiving_) arv_stream_stop_thread(stream_.get(), TRUE);
   receiving_ = false;
+}
+
+void AravisCamera::CloseStream() {
+  if (!stream_) return;
+  DropBuffers();
+  arv_stream_start_thread(stream_.get());  // which the stream's end wants to stop
+  stream_.reset();
 }
 
 Status AravisCamera::CheckMemory(const FrameBlock& memory) const {

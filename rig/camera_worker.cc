@@ -20,6 +20,16 @@ constexpr auto kReopenInterval = milliseconds(500);
 constexpr auto kProbePatience = milliseconds(250);
 constexpr int kProbeTries = 3;
 
+constexpr char kSilent[] = "it does not answer (power, cable and network of the camera?)";
+
+/// Why a camera could not be opened, as a verdict on it.
+Verdict VerdictOf(const Error& error) {
+  if (error.code == ErrorCode::kBadInput) return Verdict::kWrongCamera;
+  return error.code == ErrorCode::kNotFound ? Verdict::kDisconnected : Verdict::kControlLost;
+}
+
+constexpr char kArmedCheck[] = "the camera";
+
 constexpr auto kWarmUpPatience = milliseconds(2000);
 constexpr int kWarmUpTries = 2;  // some cameras swallow the first trigger after idling
 
@@ -185,12 +195,12 @@ void CameraWorker::Idle() {
   }
   // Aravis would take seconds to find out that nobody answers.
   if (!Answers(kProbeTries)) {
-    Lose("no longer answers (power, cable and network of the camera?)");
+    Lose({Verdict::kDisconnected, kSilent});
     return;
   }
   const Result<CameraHealth> health = camera_->ReadHealth();
   if (!health) {
-    Lose(health.error().ToString());
+    Lose(FindOut(health.error()));
     return;
   }
   SampleClock(1);
@@ -200,13 +210,21 @@ void CameraWorker::Idle() {
   });
 }
 
-void CameraWorker::Lose(const std::string& problem) {
+CameraWorker::Loss CameraWorker::FindOut(const Error& error) const {
+  if (!Answers(kProbeTries)) return {Verdict::kDisconnected, kSilent};
+  return {Verdict::kControlLost,
+          "it answers, but control was lost: restarted, or taken by another program (" +
+              error.ToString() + ")"};
+}
+
+void CameraWorker::Lose(const Loss& loss) {
   if (closing_.valid()) closing_.wait();
   closing_ =
       std::async(std::launch::async, [camera = std::move(camera_)]() mutable { camera.reset(); });
   UpdateState([&](CameraState& state) {
     state.condition = CameraCondition::kLost;
-    state.problem = problem;
+    state.problem = loss.problem;
+    state.lost_as = loss.verdict;
     state.health = {};
   });
 }
@@ -214,13 +232,15 @@ void CameraWorker::Lose(const std::string& problem) {
 void CameraWorker::TryOpen() {
   const Status opened = OpenAndWarmUp();
   if (opened.ok()) return;
+  const Loss loss{VerdictOf(opened.error()), opened.error().ToString()};
   if (camera_) {
-    Lose(opened.error().ToString());
+    Lose(loss);
     return;
   }
   UpdateState([&](CameraState& state) {
     state.condition = CameraCondition::kLost;
-    state.problem = opened.error().ToString();
+    state.problem = loss.problem;
+    state.lost_as = loss.verdict;
   });
 }
 
@@ -307,19 +327,18 @@ void CameraWorker::JoinPulse(std::shared_ptr<PulseTask> task, size_t index, Fram
       if (camera_) state.counters = camera_->counters();
       if (shot.frame) state.last_frame_id = shot.frame->frame_id;
     });
-    const std::optional<std::string> lost =
-        shot.verdict == Verdict::kDisconnected || shot.verdict == Verdict::kControlLost
-            ? std::optional(shot.reason)
-            : std::nullopt;
+    const Loss loss{shot.verdict, shot.reason};
+    const bool lost =
+        loss.verdict == Verdict::kDisconnected || loss.verdict == Verdict::kControlLost;
     task->ReportResult(index, std::move(shot));
-    if (lost && camera_) Lose(*lost);
+    if (lost && camera_) Lose(loss);
   });
 }
 
 void CameraWorker::EndShot() {
   Post([this] {
     if (!camera_) return;
-    if (const Status status = camera_->Disarm(); !status) Lose(status.error().ToString());
+    if (const Status status = camera_->Disarm(); !status) Lose(FindOut(status.error()));
   });
 }
 
@@ -334,12 +353,11 @@ std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
     }
     Result<CameraFrame> frame = TakeByNow(std::move(*block));
     const Status disarmed = camera_->Disarm();
-    const bool answers = disarmed.ok() || Answers(kProbeTries);
     if (frame && !frame->complete) {
       frame = Error{ErrorCode::kFailed, frame->problem, setup_.place.camera};
     }
     promise->set_value(std::move(frame));
-    if (!answers) Lose(disarmed.error().ToString());
+    if (!disarmed) Lose(FindOut(disarmed.error()));
   });
   return future;
 }
@@ -349,7 +367,7 @@ Status CameraWorker::PrepareForPulse(const PulseTask& task, FrameBlock memory, b
                                      : camera_->Arm(TriggerBy::kLine, std::move(memory)));
   ROTUNDA_ASSIGN_OR_RETURN(const bool armed, camera_->WaitArmed(task.arm_deadline()));
   if (!armed) {
-    return Error{ErrorCode::kFailed, "the camera does not say that it waits for a trigger", ""};
+    return Error{ErrorCode::kFailed, "does not say that it waits for a trigger", kArmedCheck};
   }
   if (!setup_.settings.ptp) SampleClock(kClockTries);
   return {};
@@ -357,18 +375,28 @@ Status CameraWorker::PrepareForPulse(const PulseTask& task, FrameBlock memory, b
 
 CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed) {
   CameraShot shot = EmptyShot();
-  if (!camera_ || !Answers(kProbeTries)) {
+  if (!camera_) {
+    const CameraState now = state();
+    shot.verdict = now.lost_as;
+    shot.reason = now.problem;
+    return shot;
+  }
+  if (!Answers(kProbeTries)) {
     shot.verdict = Verdict::kDisconnected;
-    shot.reason =
-        camera_ ? "it does not answer (power, cable and network of the camera?)" : state().problem;
+    shot.reason = kSilent;
     return shot;
   }
   const StreamCounters before = camera_->counters();
   const Status armed = PrepareForPulse(task, std::move(memory), stay_armed);
-  if (!armed) {
+  if (!armed && armed.error().context == kArmedCheck) {
     shot.verdict = Verdict::kNotArmed;
     shot.reason = armed.error().ToString();
-    Diagnose(shot);
+    return shot;
+  }
+  if (!armed) {
+    const Loss loss = FindOut(armed.error());
+    shot.verdict = loss.verdict;
+    shot.reason = loss.problem;
     return shot;
   }
   task.ReportArmed();
@@ -450,16 +478,17 @@ void CameraWorker::CheckForSecondFrame(const PulseTask& task, uint64_t unasked_b
 }
 
 void CameraWorker::Diagnose(CameraShot& shot) {
-  const auto blame = [&](Verdict verdict, const std::string& why) {
-    shot.reason = (shot.verdict == Verdict::kMissing ? "" : shot.reason + "; ") + why;
-    shot.verdict = verdict;
+  const auto blame = [&](const Loss& loss) {
+    shot.reason = (shot.verdict == Verdict::kIncomplete ? shot.reason + "; " : "") + loss.problem;
+    shot.verdict = loss.verdict;
   };
   if (!Answers(kProbeTries)) {
-    blame(Verdict::kDisconnected, "it no longer answers (power, cable and network of the camera?)");
+    blame({Verdict::kDisconnected, kSilent});
     return;
   }
-  const Result<CameraHealth> health = camera_->ReadHealth();
-  if (!health) blame(Verdict::kControlLost, health.error().ToString());
+  if (const Result<CameraHealth> health = camera_->ReadHealth(); !health) {
+    blame(FindOut(health.error()));
+  }
 }
 
 }  // namespace rotunda::rig

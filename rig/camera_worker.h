@@ -24,7 +24,8 @@ struct CameraState {
   std::string camera;
   CameraIdentity identity;  // as configured until it has answered
   CameraCondition condition = CameraCondition::kOpening;
-  std::string problem;  // why it is not ready, and what to do
+  std::string problem;                       // why it is not ready, and what to do
+  Verdict lost_as = Verdict::kDisconnected;  // the same as a verdict, while it is not ready
   AppliedSettings settings;
   CameraHealth health;
   StreamCounters counters;
@@ -121,7 +122,13 @@ class CameraWorker {
   Status WarmUp();
   Result<CameraFrame> TakeByNow(FrameBlock memory);
   bool Answers(int tries) const;
-  void Lose(const std::string& problem);
+  /// What is wrong with a camera that a call has failed on.
+  struct Loss {
+    Verdict verdict;
+    std::string problem;
+  };
+  Loss FindOut(const Error& error) const;
+  void Lose(const Loss& loss);
   void SampleClock(int tries);
   Status PrepareForPulse(const PulseTask& task, FrameBlock memory, bool stay_armed);
   CameraShot TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed);

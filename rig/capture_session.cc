@@ -178,7 +178,8 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
     silent.camera = state.camera;
     silent.serial = state.identity.serial;
     silent.settings = state.settings;
-    silent.verdict = Verdict::kDisconnected;
+    silent.verdict =
+        state.condition == CameraCondition::kReady ? Verdict::kDisconnected : state.lost_as;
     silent.reason = state.condition == CameraCondition::kReady
                         ? "it does not answer (power, cable and network of the camera?)"
                         : state.problem;

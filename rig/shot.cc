@@ -28,6 +28,8 @@ const char* VerdictName(Verdict verdict) {
       return "ok";
     case Verdict::kDisconnected:
       return "disconnected";
+    case Verdict::kWrongCamera:
+      return "wrong camera";
     case Verdict::kControlLost:
       return "control lost";
     case Verdict::kNotArmed:

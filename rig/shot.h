@@ -14,6 +14,7 @@ namespace rotunda::rig {
 enum class Verdict {
   kOk,
   kDisconnected,  // it does not answer: power, cable, network
+  kWrongCamera,   // another serial number than configured
   kControlLost,   // it restarted, or another program has taken it
   kNotArmed,      // it did not get ready for the trigger, and no frame came
   kMissing,       // it answers and was armed, but nothing came: trigger cable
