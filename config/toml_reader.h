@@ -2,6 +2,7 @@
 
 #include <toml++/toml.h>
 
+#include <functional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -14,12 +15,15 @@ namespace rotunda::config {
 /// One key of a table and where its value goes.
 struct Field {
   std::string_view key;
-  std::variant<int*, double*> target;
+  std::variant<int*, double*, bool*, std::string*> target;
 };
 
 struct Section {
   std::string_view name;
-  std::vector<Field> fields;
+  std::vector<Field> fields = {};
+  /// For a table of tables ([cameras.c00r0], [cameras.c00r1], ...): the fields of the one with this
+  /// name. `fields` is empty then.
+  std::function<std::vector<Field>(const std::string& name)> each = nullptr;
 };
 
 /// A parsed TOML file; its errors name `source` and the line.
@@ -37,7 +41,10 @@ class TomlFile {
   TomlFile(toml::table table, std::string source)
       : table_(std::move(table)), source_(std::move(source)) {}
   Error At(const toml::node& node, const std::string& key, const std::string& message) const;
-  Status ReadSection(const toml::table& table, const Section& section) const;
+  Status ReadEach(const toml::table& table, const Section& section) const;
+  Status ReadFields(const toml::table& table, const std::string& name,
+                    const std::vector<Field>& fields) const;
+  Status ReadValue(const toml::node& node, const std::string& name, const Field& field) const;
 
   toml::table table_;
   std::string source_;

@@ -191,6 +191,7 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
 
 Result<Shot> CaptureSession::Capture(std::stop_token stop) {
   const std::lock_guard lock(one_shot_);
+  if (!devices_.trigger) return Error{ErrorCode::kInvalidArgument, "there is none", "trigger"};
   if (ReadyWorkers().empty()) {
     return Error{ErrorCode::kFailed,
                  "none of " + std::to_string(workers_.size()) +

@@ -23,7 +23,8 @@ namespace rotunda::rig {
 /// functions may be called from any thread; shots are taken one after the other.
 class CaptureSession {
  public:
-  /// What a session drives. `open` is called from many threads.
+  /// What a session drives. `open` is called from many threads. Without a trigger cameras can be
+  /// watched, but no shot taken.
   struct Devices {
     OpenCamera open;
     std::unique_ptr<TriggerLine> trigger;
