@@ -129,8 +129,8 @@ std::vector<SimulatedCamera> MakeCameras(int count, const SimulatedCamera& like)
     char text[32];
     std::snprintf(text, sizeof(text), "c%03d", i + 1);
     cameras[static_cast<size_t>(i)].name = text;
-    std::snprintf(text, sizeof(text), "SIM%05d", i + 1);
-    cameras[static_cast<size_t>(i)].serial = text;
+    std::snprintf(text, sizeof(text), "%05d", i + 1);
+    cameras[static_cast<size_t>(i)].serial = (like.serial.empty() ? "SIM" : like.serial) + text;
   }
   return cameras;
 }

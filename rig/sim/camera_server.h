@@ -25,7 +25,9 @@ struct SimulatedCamera {
   int64_t clock_offset_ns = 0;    // of the camera's clock from the rig's while PTP is off
 };
 
-/// `count` cameras named c001, c002, ... with serials SIM00001, ...
+/// `count` cameras named c001, c002, ... with serial numbers SIM00001, ..., or with what
+/// `like.serial` begins them with. Aravis' discovery knows a camera by its serial number: servers
+/// that are to be discovered side by side need different ones.
 std::vector<SimulatedCamera> MakeCameras(int count, const SimulatedCamera& like);
 
 /// The cameras that took the frames: their names, serial numbers, picture size and format, as far

@@ -22,7 +22,6 @@ namespace {
 
 constexpr int kPacket_bytes = 9000;
 constexpr int kSocketBuffer_bytes = 4 << 20;
-constexpr unsigned kPacketTimeout_us = 20'000;
 /// Aravis asks for so many packets of a frame at most, those asked for twice counted twice: on a
 /// busy machine it asks again before the answer has come.
 constexpr double kRequestRatio = 2.0;
@@ -30,6 +29,8 @@ constexpr double kRequestRatio = 2.0;
 /// short where frames are meant to be lost.
 constexpr unsigned kPatient_us = 10'000'000;
 constexpr unsigned kImpatient_us = 300'000;
+/// How often it asks for a packet in that time.
+constexpr unsigned kAsks = 50;
 
 struct Unref {
   void operator()(void* object) const { g_object_unref(object); }
@@ -66,7 +67,7 @@ class Client {
     if (!stream_) return;
     g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
                  "socket-buffer-size", kSocketBuffer_bytes, "frame-retention", retention_us,
-                 "packet-timeout", kPacketTimeout_us, "packet-request-ratio", kRequestRatio,
+                 "packet-timeout", retention_us / kAsks, "packet-request-ratio", kRequestRatio,
                  nullptr);
     const size_t payload = arv_camera_get_payload(camera, &error);
     Expect(error, "payload");
@@ -236,14 +237,16 @@ TEST(CameraServer, PacketsKeepTheirDistance) {
 }
 
 TEST(CameraServer, AravisFindsThemAndReadsThem) {
-  const auto server = Serve(7, 3, Small());
+  SimulatedCamera like = Small();
+  like.serial = "FIND";  // others may serve cameras on this machine
+  const auto server = Serve(7, 3, like);
   arv_update_device_list();
   std::set<std::string> found;
   for (unsigned i = 0; i < arv_get_n_devices(); ++i) found.insert(arv_get_device_address(i));
   for (int i = 0; i < 3; ++i) EXPECT_TRUE(found.count(server->address(i))) << server->address(i);
   Client client(server->address(1));
   GError* error = nullptr;
-  EXPECT_STREQ(arv_camera_get_device_serial_number(client.camera(), &error), "SIM00002");
+  EXPECT_STREQ(arv_camera_get_device_serial_number(client.camera(), &error), "FIND00002");
   Expect(error, "serial number");
   EXPECT_STREQ(arv_camera_get_string(client.camera(), "DeviceUserID", &error), "c002");
   Expect(error, "user id");
