@@ -33,10 +33,17 @@ struct PoseBlock {
   }
 };
 
+/// The parameters stand in the block itself: Ceres orders the blocks of a group by their addresses,
+/// and those of separate allocations differ from run to run, and with them the last bits.
 struct LensBlock {
   CameraModel model = CameraModel::kOpencv;
-  std::vector<double> params;
+  std::array<double, kMaxCameraParams> params = {};
   bool used = false;
+
+  explicit LensBlock(const CameraIntrinsics& lens) : model(lens.model) {
+    std::copy(lens.params.begin(), lens.params.end(), params.begin());
+  }
+  int size() const { return static_cast<int>(CameraParamCount(model)); }
 };
 
 /// Rodrigues' formula and the left Jacobian of SO(3) (Sola et al. 2018, eq. 145).
@@ -81,7 +88,7 @@ class ReprojectionCost final : public ceres::CostFunction {
     set_num_residuals(2);
     *mutable_parameter_block_sizes() = {6, 3};
     if (refine_lens) {
-      mutable_parameter_block_sizes()->push_back(static_cast<int>(lens.params.size()));
+      mutable_parameter_block_sizes()->push_back(lens.size());
     }
   }
 
@@ -111,7 +118,7 @@ class ReprojectionCost final : public ceres::CostFunction {
       out = by_point;
     }
     if (with_params) {
-      const auto count = static_cast<Eigen::Index>(lens_.params.size());
+      const Eigen::Index count = lens_.size();
       Eigen::Map<Eigen::Matrix<double, 2, Eigen::Dynamic, RowMajor>>(jacobians[2], 2, count) =
           inverse_sigma_ * projection.by_params.leftCols(count);
     }
@@ -180,7 +187,7 @@ class Adjustment {
     problem_ = std::make_unique<ceres::Problem>(problem_options);
     for (size_t i = 0; i < poses_.size(); ++i) LoadPose(i);
     for (const CameraIntrinsics& lens : reconstruction.intrinsics.lenses) {
-      lenses_.push_back({lens.model, lens.params, false});
+      lenses_.emplace_back(lens);
     }
   }
 
@@ -212,7 +219,7 @@ class Adjustment {
       if (pose.used) solver.linear_solver_ordering->AddElementToGroup(pose.values.data(), 1);
     }
     for (LensBlock& lens : lenses_) {
-      if (lens.used) solver.linear_solver_ordering->AddElementToGroup(lens.params.data(), 1);
+      if (lens.used) solver.linear_solver_ordering->AddElementToGroup(lens.params.data(), 2);
     }
     ceres::Solver::Summary summary;
     ceres::Solve(solver, problem_.get(), &summary);
@@ -233,7 +240,9 @@ class Adjustment {
       reconstruction_.cam_from_model[i] = Rigid3{rotation, -(rotation * poses_[i].center())};
     }
     for (size_t i = 0; i < lenses_.size(); ++i) {
-      if (lenses_[i].used) reconstruction_.intrinsics.lenses[i].params = lenses_[i].params;
+      if (!lenses_[i].used) continue;
+      std::vector<double>& params = reconstruction_.intrinsics.lenses[i].params;
+      std::copy_n(lenses_[i].params.begin(), params.size(), params.begin());
     }
   }
 
@@ -314,8 +323,8 @@ class Adjustment {
       const CameraIntrinsics& intrinsics = reconstruction_.intrinsics.lenses[l];
       const double larger_side = std::max(intrinsics.width_px, intrinsics.height_px);
       std::vector<int> held;
-      for (size_t p = 0; p < lens.params.size(); ++p) {
-        const int place = static_cast<int>(p);
+      for (int place = 0; place < lens.size(); ++place) {
+        const auto p = static_cast<size_t>(place);
         if (IsPrincipalPoint(lens.model, p)) held.push_back(place);
         if (!IsFocal(lens.model, p)) continue;
         const double low = kMinFocalRatio * larger_side, high = kMaxFocalRatio * larger_side;
@@ -323,8 +332,7 @@ class Adjustment {
         problem_->SetParameterLowerBound(lens.params.data(), place, low);
         problem_->SetParameterUpperBound(lens.params.data(), place, high);
       }
-      manifolds_.push_back(
-          std::make_unique<ceres::SubsetManifold>(static_cast<int>(lens.params.size()), held));
+      manifolds_.push_back(std::make_unique<ceres::SubsetManifold>(lens.size(), held));
       problem_->SetManifold(lens.params.data(), manifolds_.back().get());
     }
   }

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "sfm/bundle_adjustment.h"
 
@@ -14,6 +15,12 @@ namespace {
 constexpr size_t kChunks = 8;
 constexpr Eigen::Index kPoseSize = 6;
 constexpr Eigen::Index kGaugeSize = 7;
+/// Keypoints of one picture that are nearer, as a share of its longer side, show the same texture,
+/// if not the same corner at two scales: their errors are alike. Measured on rendered captures:
+/// correlation 0.3 to 0.4 within 0.4 %, 0.02 up to 2 %, under 0.01 beyond.
+constexpr double kAlikeWithin = 0.02;
+/// Weighted residuals are cut off here, so that a few gross ones do not make the correlation.
+constexpr double kCut = 3.0;
 
 /// Where each pose and lens stands among the unknowns that remain once the points are eliminated.
 struct Layout {
@@ -233,6 +240,64 @@ Result<Eigen::MatrixXd> ConstrainedInverse(const Eigen::MatrixXd& normal, const 
   return covariance;
 }
 
+struct PlacedResidual {
+  Eigen::Vector2d pixel;
+  Eigen::Vector2d residual;  // weighted
+};
+
+/// Sum over all pairs of residuals of one picture, each with itself too, that are within
+/// `reach_px`.
+double SumOfNearProducts(std::vector<PlacedResidual> residuals, double reach_px) {
+  std::sort(residuals.begin(), residuals.end(),
+            [](const PlacedResidual& a, const PlacedResidual& b) {
+              return std::pair(a.pixel.x(), a.pixel.y()) < std::pair(b.pixel.x(), b.pixel.y());
+            });
+  double sum = 0;
+  for (size_t i = 0; i < residuals.size(); ++i) {
+    sum += residuals[i].residual.squaredNorm();
+    for (size_t j = i + 1; j < residuals.size(); ++j) {
+      if (residuals[j].pixel.x() - residuals[i].pixel.x() > reach_px) break;
+      if ((residuals[j].pixel - residuals[i].pixel).squaredNorm() > reach_px * reach_px) continue;
+      sum += 2 * residuals[i].residual.dot(residuals[j].residual);
+    }
+  }
+  return sum;
+}
+
+/// By how much the variance exceeds that of independent errors, >= 1: sum of the correlations of
+/// one error with its neighbours (the effective sample size of spatial statistics; Clifford,
+/// Richardson & Hemon 1989).
+double CorrelationInflation(const Reconstruction& reconstruction, const Features& features,
+                            double sigma0) {
+  std::vector<std::vector<PlacedResidual>> of_image(reconstruction.cam_from_model.size());
+  for (const Point3& point : reconstruction.points) {
+    for (const Observation& observation : point.observations) {
+      const size_t image = observation.image.index();
+      const auto& pose = reconstruction.cam_from_model[image];
+      if (!pose) continue;
+      const CameraIntrinsics& lens =
+          reconstruction.intrinsics.lenses[reconstruction.intrinsics.lens_of_image[image]];
+      const auto projected = lens.Project(*pose * point.position);
+      if (!projected) continue;
+      const Keypoint& keypoint =
+          features.image(observation.image).keypoints[observation.keypoint.index()];
+      const Eigen::Vector2d pixel(keypoint.x_px, keypoint.y_px);
+      const Eigen::Vector2d residual =
+          (*projected - pixel) / (KeypointSigma_px(keypoint) * kCut * sigma0);
+      of_image[image].push_back({pixel, residual / std::max(1.0, residual.norm())});
+    }
+  }
+  double products = 0, squares = 0;
+  for (size_t i = 0; i < of_image.size(); ++i) {
+    const CameraIntrinsics& lens =
+        reconstruction.intrinsics.lenses[reconstruction.intrinsics.lens_of_image[i]];
+    for (const PlacedResidual& one : of_image[i]) squares += one.residual.squaredNorm();
+    products += SumOfNearProducts(std::move(of_image[i]),
+                                  kAlikeWithin * std::max(lens.width_px, lens.height_px));
+  }
+  return squares > 0 ? std::max(1.0, products / squares) : 1.0;
+}
+
 }  // namespace
 
 Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstruction,
@@ -256,7 +321,8 @@ Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstructio
                            ConstrainedInverse(normal.matrix, MakeGauge(reconstruction, layout)));
   PoseCovariances out;
   out.sigma0 = std::sqrt(normal.squares / redundancy);
-  covariance *= out.sigma0 * out.sigma0;
+  covariance *=
+      out.sigma0 * out.sigma0 * CorrelationInflation(reconstruction, features, out.sigma0);
   for (const Eigen::Index place : layout.pose) {
     out.images.push_back(place < 0 ? std::nullopt
                                    : std::optional<PoseCovariance>(

@@ -23,7 +23,8 @@ struct PoseCovariances {
 
 /// From the Schur complement of the final normal equations over all poses (and lenses when
 /// refined), with the gauge fixed to the Sim(3) fit of the camera centres: the covariance of what
-/// is left after that fit (inner constraints; Triggs et al. 2000, section 9). Scaled by sigma0^2.
+/// is left after that fit (inner constraints; Triggs et al. 2000, section 9). Scaled by sigma0^2
+/// and by what the errors of neighbouring keypoints have in common.
 /// `intrinsics_refined`: whether the last adjustment moved the lenses (RefinesIntrinsics for a
 /// model of BuildReconstructions).
 Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstruction,

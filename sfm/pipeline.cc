@@ -314,8 +314,8 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
   }
   if (built.segments) AddSegments(*built.segments, poses);
 
-  PipelineResult result{run.set, std::move(front.features), std::move(model), std::move(poses),
-                        std::move(reference.notes)};
+  PipelineResult result{run.set,          std::move(front.features), std::move(model),
+                        std::move(poses), std::move(built.segments), std::move(reference.notes)};
   for (size_t i = 0; i < result.set.frames.size(); ++i) {
     result.set.frames[i].width_px = result.features.images[i].width_px;
     result.set.frames[i].height_px = result.features.images[i].height_px;
@@ -390,7 +390,8 @@ Status WriteResult(const PipelineResult& result, const std::optional<Calibration
   ROTUNDA_RETURN_IF_ERROR(WriteColmapModel(result.reconstruction, result.features, result.set,
                                            sparse, ColmapEncoding::kBinary));
   ROTUNDA_RETURN_IF_ERROR(WritePly(result.reconstruction, folder / "points.ply"));
-  const ReportInput input{result.set, result.poses, result.reconstruction, calibration};
+  const ReportInput input{result.set,  result.poses,    result.reconstruction,
+                          calibration, result.features, result.segments};
   ROTUNDA_ASSIGN_OR_RETURN(const std::string html, BuildReport(input, context));
   return WriteFileAtomically(folder / "report.html", html);
 }

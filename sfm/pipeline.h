@@ -62,7 +62,8 @@ struct PipelineResult {
   Features features;
   Reconstruction reconstruction;  // the largest model; in the rig frame when `poses.metric`
   PoseSet poses;
-  std::vector<std::string> notes;  // what could not be done although the poses stand
+  std::optional<Segments> segments;  // of the methods that have communities
+  std::vector<std::string> notes;    // what could not be done although the poses stand
 };
 
 /// Pictures in, camera poses out. `calibration` gives intrinsics, metric scale and the rig frame.

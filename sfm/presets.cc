@@ -71,6 +71,7 @@ const std::map<std::string, Setter, std::less<>>& Setters() {
 
 void ApplyPreset(Preset preset, PipelineOptions& options) {
   if (preset == Preset::kLiteral) options.method = Method::kLiteral;
+  if (preset == Preset::kInternet) options.tc_sfm.max_gap_deg.reset();
 }
 
 Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options) {

@@ -9,8 +9,9 @@
 namespace rotunda::sfm {
 
 enum class Preset {
-  kRig,      // a cylinder of calibrated cameras around a person; the default
-  kLiteral,  // TC-SfM word for word, to compare with
+  kRig,       // a cylinder of calibrated cameras around a person; the default
+  kInternet,  // photographs from anywhere: nothing is known of where the cameras stand
+  kLiteral,   // TC-SfM word for word, to compare with
 };
 
 /// Sets what the preset changes of the method tc-sfm.

@@ -253,28 +253,41 @@ std::string TableHtml(const ReportInput& input, const Facts& facts) {
   return html + "</tbody></table></div></section>\n";
 }
 
+using JpegOf = std::string Thumbnail::*;
+
 std::string StripHtml(const ReportInput& input, const Facts& facts,
-                      const std::vector<Thumbnail>& thumbnails) {
-  std::string html =
-      "<section><div class=\"head\"><h2>Pictures</h2><p>red: not registered, moved or swapped; a "
-      "click "
-      "leads to the camera's row</p></div><div class=\"strip\">\n";
+                      const std::vector<Thumbnail>& thumbnails, JpegOf jpeg_of) {
+  std::string html = "<div class=\"strip\">\n";
   for (size_t i = 0; i < thumbnails.size(); ++i) {
     const Thumbnail& thumbnail = thumbnails[i];
+    const std::string& jpeg = thumbnail.*jpeg_of;
     const std::string name = Escaped(input.poses.cameras[i].camera);
     const std::string number = std::to_string(i);
     html += "<a href=\"#cam-" + number + "\" data-cam=\"" + number + "\" class=\"" +
             std::string(LevelName(facts.cameras[i].level)) + "\">";
-    if (thumbnail.jpeg.empty()) {
+    if (jpeg.empty()) {
       html += "<span class=\"none\">" + Escaped(thumbnail.problem) + "</span>";
     } else {
       html += "<img alt=\"" + name + "\" width=\"" + std::to_string(thumbnail.width_px) +
               "\" height=\"" + std::to_string(thumbnail.height_px) +
-              "\" src=\"data:image/jpeg;base64," + Base64(thumbnail.jpeg) + "\"/>";
+              "\" src=\"data:image/jpeg;base64," + Base64(jpeg) + "\"/>";
     }
     html += name + "</a>\n";
   }
-  return html + "</div></section>\n";
+  return html + "</div>";
+}
+
+std::string PicturesHtml(const ReportInput& input, const Facts& facts,
+                         const std::vector<Thumbnail>& thumbnails) {
+  std::string html =
+      "<section><div class=\"head\"><h2>Pictures</h2><p>red: not registered, moved or swapped; a "
+      "click leads to the camera's row</p></div>" +
+      StripHtml(input, facts, thumbnails, &Thumbnail::jpeg) + "</section>\n";
+  if (!input.segments) return html;
+  return html +
+         "<section><div class=\"head\"><h2>Communities of tracks</h2><p>one colour: parts that are "
+         "seen side by side; dark rim: looks like another part</p></div>" +
+         StripHtml(input, facts, thumbnails, &Thumbnail::marked_jpeg) + "</section>\n";
 }
 
 std::string FooterHtml(const PoseSet& poses) {
@@ -294,7 +307,10 @@ std::string FooterHtml(const PoseSet& poses) {
 
 Result<std::string> BuildReport(const ReportInput& input, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(report::CheckInput(input));
-  ROTUNDA_ASSIGN_OR_RETURN(const auto thumbnails, report::BuildThumbnails(input.set, context));
+  const report::Marks marks =
+      input.segments ? report::MarksOf(input.features, *input.segments) : report::Marks();
+  ROTUNDA_ASSIGN_OR_RETURN(const auto thumbnails,
+                           report::BuildThumbnails(input.set, marks, context));
   const report::Facts facts = report::BuildFacts(input);
   std::string html =
       "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>"
@@ -306,7 +322,7 @@ Result<std::string> BuildReport(const ReportInput& input, RunContext& context) {
           report::VerdictHtml(facts.shot) + report::VerdictHtml(facts.rig) + "</div>\n" +
           report::TilesHtml(input, facts) + report::ViewsHtml(input, facts) +
           report::BarsHtml(input, facts) + report::TableHtml(input, facts) +
-          report::StripHtml(input, facts, thumbnails) + "</main>\n" +
+          report::PicturesHtml(input, facts, thumbnails) + "</main>\n" +
           report::FooterHtml(input.poses) + "<script>";
   html += report::Script();
   return html + "</script></body></html>\n";

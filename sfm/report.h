@@ -10,7 +10,9 @@
 #include "sfm/core/pose_set.h"
 #include "sfm/core/result.h"
 #include "sfm/core/run_context.h"
+#include "sfm/features.h"
 #include "sfm/reconstruction.h"
+#include "sfm/segments.h"
 
 namespace rotunda::sfm {
 
@@ -19,10 +21,13 @@ struct ReportInput {
   const PoseSet& poses;
   const Reconstruction& reconstruction;           // in the frame of `poses`
   const std::optional<Calibration>& calibration;  // the one the poses were aligned to
+  const Features& features;
+  const std::optional<Segments>& segments;  // communities of tracks, where the method has them
 };
 
 /// One HTML file that needs nothing else: summary, table of cameras, top and side view of cameras
-/// and points, a strip of the pictures. Same input, same bytes.
+/// and points, a strip of the pictures, and one with the communities of tracks. Same input, same
+/// bytes.
 Result<std::string> BuildReport(const ReportInput& input, RunContext& context);
 
 }  // namespace rotunda::sfm

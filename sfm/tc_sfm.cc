@@ -1,11 +1,13 @@
 #include "sfm/tc_sfm.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
 #include "sfm/agreeing_matches.h"
 #include "sfm/alternative_poses.h"
+#include "sfm/camera_ring.h"
 #include "sfm/tracks.h"
 #include "sfm/unfolding.h"
 
@@ -109,6 +111,21 @@ void Refute(State& state, const std::vector<Reconstruction>& models, const Draft
   }
 }
 
+/// Takes a folded draft apart: its groups are kept in mind and the edges that they refute dropped.
+void TakeApart(State& state, const std::vector<Reconstruction>& models, const DraftGroups& groups) {
+  TcSfmResult& result = state.result;
+  ++result.unfoldings;
+  result.gain = std::min(result.gain, groups.gain);
+  for (size_t i = 0; i < groups.certainty.size(); ++i) {
+    result.certainty[i] = std::min(result.certainty[i], groups.certainty[i]);
+  }
+  Refute(state, models, groups);
+}
+
+bool MayTakeApart(const State& state) {
+  return state.options.unfolding && state.result.unfoldings < state.options.max_unfoldings;
+}
+
 struct Draft {
   std::vector<Reconstruction> models;
   ViewGraph graph;
@@ -133,18 +150,13 @@ Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
     }
     if (!built.ok()) return built.error();
     draft.models = std::move(built->models);
-    if (!state.options.unfolding || round >= state.options.max_unfoldings) return draft;
+    if (!MayTakeApart(state)) return draft;
     state.context.Report(kStage, 0, 1);
     ROTUNDA_ASSIGN_OR_RETURN(
         const DraftGroups groups,
         GroupsOfDraft(state, draft.models, state.input.two_views, draft.graph));
     if (groups.gain == 0) return draft;
-    ++state.result.unfoldings;
-    state.result.gain = std::min(state.result.gain, groups.gain);
-    for (size_t i = 0; i < groups.certainty.size(); ++i) {
-      state.result.certainty[i] = std::min(state.result.certainty[i], groups.certainty[i]);
-    }
-    Refute(state, draft.models, groups);
+    TakeApart(state, draft.models, groups);
     last = std::move(draft);
   }
 }
@@ -168,20 +180,13 @@ Status Join(State& state, Draft& draft) {
   return {};
 }
 
-/// The matches of the pairs that may still place an image that is in no model: those of the draft's
-/// edges and, since the poses of the model now judge them, of all edges that no group refuted.
-void AddOpenPairs(const State& state, const Draft& draft, TwoViews& two_views) {
-  const auto in_model = [&](ImageId image) { return draft.models.front().Registered(image); };
-  const auto in_no_model = [&](ImageId image) {
-    return std::none_of(draft.models.begin(), draft.models.end(),
-                        [&](const Reconstruction& model) { return model.Registered(image); });
-  };
+/// The matches of the pairs that may still place an image that is not in the first model, be it in
+/// none or in a piece that could not be joined: of all edges that no group refuted, since the poses
+/// of the model now judge them.
+void AddOpenPairs(const State& state, const Reconstruction& model, TwoViews& two_views) {
   for (const ViewGraphEdge& edge : NotRefuted(state).edges) {
-    const ImageId first = edge.pair.first, second = edge.pair.second;
-    const bool open = (in_model(first) && in_no_model(second)) ||
-                      (in_no_model(first) && in_model(second)) ||
-                      (in_no_model(first) && in_no_model(second));
-    if (open) two_views.pairs.push_back(state.input.two_views.pairs[edge.two_view]);
+    if (model.Registered(edge.pair.first) && model.Registered(edge.pair.second)) continue;
+    two_views.pairs.push_back(state.input.two_views.pairs[edge.two_view]);
   }
   std::sort(two_views.pairs.begin(), two_views.pairs.end(),
             [](const TwoView& x, const TwoView& y) { return x.pair < y.pair; });
@@ -194,7 +199,7 @@ Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
   const Features& features = state.input.features;
   const Reconstruction& start = draft.models.front();
   TwoViews two_views = AgreeingMatches(start, features, state.input.two_views, {});
-  AddOpenPairs(state, draft, two_views);
+  AddOpenPairs(state, start, two_views);
   const ViewGraph graph = BuildViewGraph(features, two_views);
   const Tracks tracks = BuildTracks(features, two_views, graph);
   const IncrementalInput input = {features, start.intrinsics, two_views, graph, tracks};
@@ -236,9 +241,26 @@ std::vector<ImageId> DoubtfulImages(const State& state, const Alternatives& alte
   return doubtful;
 }
 
+/// The gap in a ring of cameras that should have none: a whole fold, whose sides show nothing that
+/// could contradict it, looks like this.
+std::optional<double> GapInRing_deg(const Reconstruction& model, const TcSfmOptions& options) {
+  if (!options.max_gap_deg) return std::nullopt;
+  const std::optional<CameraRing> ring = FindCameraRing(model);
+  const double gap_deg = ring ? DegFromRad(ring->widest_gap_rad) : 360.0;
+  return gap_deg > *options.max_gap_deg ? std::optional(gap_deg) : std::nullopt;
+}
+
+std::string GapReason(double gap_deg) {
+  return "no camera stands in " + std::to_string(std::lround(gap_deg)) +
+         " of the 360 deg around the subject, as in a folded reconstruction (of cameras that do "
+         "not surround it, --preset internet)";
+}
+
 /// Why the verdict is not better, or what it rests on.
-std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidence) {
+std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidence,
+                      const std::optional<double>& gap_deg) {
   if (gain > 0) return "the poses lay different parts of the subject over each other";
+  if (gap_deg) return GapReason(*gap_deg);
   if (result.evidence < min_evidence) {
     return "parts of the subject look alike and nothing tells them apart";
   }
@@ -251,28 +273,53 @@ std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidenc
   return result.alternatives == 0 ? "nothing looks alike" : "what looks alike was told apart";
 }
 
-/// The test of the drafts on the finished model.
-Status Check(State& state) {
+/// The finished model and what it says of itself.
+Status Judge(State& state, double gain) {
   TcSfmResult& result = state.result;
-  const std::vector<Reconstruction> last = {result.models.models.front()};
-  ROTUNDA_ASSIGN_OR_RETURN(const DraftGroups groups,
-                           GroupsOfDraft(state, last, result.two_views, result.view_graph));
-  result.remaining_gain = groups.gain;
+  result.remaining_gain = gain;
+  const Reconstruction& model = result.models.models.front();
   const Alternatives alternatives =
-      FindAlternatives(last.front(), state.input.features, state.input.two_views, result.two_views,
+      FindAlternatives(model, state.input.features, state.input.two_views, result.two_views,
                        state.options.covisibility, {}, state.context);
   if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
   result.alternatives = alternatives.poses.size();
   result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
                                                : alternatives.evidence_against;
   result.doubtful = DoubtfulImages(state, alternatives);
-  const bool told_apart = result.evidence >= state.options.min_evidence &&
+  const std::optional<double> gap_deg = GapInRing_deg(model, state.options);
+  const bool told_apart = result.evidence >= state.options.min_evidence && !gap_deg &&
                           result.doubtful.empty() && result.models.models.size() == 1;
-  result.reason = ReasonFor(result, groups.gain, state.options.min_evidence);
-  result.verdict = groups.gain > 0 ? Verdict::kFolded
-                   : told_apart    ? Verdict::kSure
-                                   : Verdict::kUnsure;
+  result.reason = ReasonFor(result, gain, state.options.min_evidence, gap_deg);
+  result.verdict = gain > 0 ? Verdict::kFolded : told_apart ? Verdict::kSure : Verdict::kUnsure;
   return {};
+}
+
+/// From the edges that are left to a finished model.
+Status Finish(State& state, const IncrementalOptions& incremental) {
+  state.result.notes.clear();
+  ROTUNDA_ASSIGN_OR_RETURN(Draft draft, BuildDraft(state, incremental));
+  ROTUNDA_RETURN_IF_ERROR(Join(state, draft));
+  return Complete(state, draft, incremental);
+}
+
+/// Finished models until one passes the test of the drafts, or as often as the options allow: what
+/// joining and completing brought in may fold again.
+Status FinishUnfolded(State& state, const IncrementalOptions& incremental) {
+  ROTUNDA_RETURN_IF_ERROR(Finish(state, incremental));
+  for (;;) {
+    const std::vector<Reconstruction> model = {state.result.models.models.front()};
+    ROTUNDA_ASSIGN_OR_RETURN(
+        const DraftGroups groups,
+        GroupsOfDraft(state, model, state.result.two_views, state.result.view_graph));
+    if (groups.gain == 0 || !MayTakeApart(state)) return Judge(state, groups.gain);
+    const TcSfmResult folded = state.result;
+    TakeApart(state, model, groups);
+    const Status again = Finish(state, incremental);
+    if (again.ok()) continue;
+    if (again.error().code != ErrorCode::kFailed) return again;
+    state.result = folded;
+    return Judge(state, groups.gain);
+  }
 }
 
 std::vector<EdgeVerdict> VerdictsOf(const TcSfmInput& input, const TcSfmResult& result) {
@@ -311,6 +358,11 @@ Status TcSfmOptions::Validate() const {
     return Error{ErrorCode::kInvalidArgument,
                  std::to_string(min_evidence) + " is out of range, expected >= 0", "min_evidence"};
   }
+  if (max_gap_deg && !(*max_gap_deg > 0 && *max_gap_deg <= 360)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(*max_gap_deg) + " is out of range, expected above 0 to 360",
+                 "max_gap_deg"};
+  }
   if (!(min_gain > 0)) {
     return Error{ErrorCode::kInvalidArgument,
                  std::to_string(min_gain) + " is out of range, expected > 0", "min_gain"};
@@ -326,10 +378,7 @@ Result<TcSfmResult> RunTcSfm(const TcSfmInput& input, const TcSfmOptions& option
       input, options, context, std::vector<bool>(input.view_graph.edges.size(), false), {}};
   state.result.gain = infinite;
   state.result.certainty.assign(input.features.images.size(), infinite);
-  ROTUNDA_ASSIGN_OR_RETURN(Draft draft, BuildDraft(state, incremental));
-  ROTUNDA_RETURN_IF_ERROR(Join(state, draft));
-  ROTUNDA_RETURN_IF_ERROR(Complete(state, draft, incremental));
-  ROTUNDA_RETURN_IF_ERROR(Check(state));
+  ROTUNDA_RETURN_IF_ERROR(FinishUnfolded(state, incremental));
   state.result.verdicts = VerdictsOf(input, state.result);
   return std::move(state.result);
 }

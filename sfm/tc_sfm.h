@@ -30,6 +30,10 @@ struct TcSfmOptions {
   double min_gain = 20.0;
   /// Log-likelihood against everything that looks alike, below which the verdict is "unsure".
   double min_evidence = 50.0;
+  /// Widest gap, around the subject, between cameras that are known to stand all around it. A whole
+  /// fold leaves about half of the ring empty; four neighbouring columns of 15 lost leave 120 deg.
+  /// nullopt: the cameras may stand anywhere.
+  std::optional<double> max_gap_deg = 130.0;
   Status Validate() const;
 };
 

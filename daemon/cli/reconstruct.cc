@@ -182,9 +182,14 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
       "plain: incremental SfM as it is",
       {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
-  AddChoice<sfm::Preset>(command, "--preset", arguments->preset,
-                         "rig (default), or literal = tc-sfm as it was published, to compare with",
-                         {{"rig", sfm::Preset::kRig}, {"literal", sfm::Preset::kLiteral}});
+  AddChoice<sfm::Preset>(
+      command, "--preset", arguments->preset,
+      "rig (default): the cameras surround the subject, and a result in which they "
+      "do not is unsure; internet: they may stand anywhere; literal: tc-sfm as "
+      "it was published, to compare with",
+      {{"rig", sfm::Preset::kRig},
+       {"internet", sfm::Preset::kInternet},
+       {"literal", sfm::Preset::kLiteral}});
   command
       ->add_option("--set", arguments->settings,
                    "One option of tc-sfm by its name, for comparisons; a wrong name lists them")

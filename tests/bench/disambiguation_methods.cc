@@ -4,6 +4,7 @@ namespace rotunda::bench {
 namespace {
 
 const std::vector<std::string> kRig = {"--method", "tc-sfm", "--preset", "rig"};
+const std::vector<std::string> kInternet = {"--method", "tc-sfm", "--preset", "internet"};
 const std::vector<std::string> kLiteral = {"--method", "tc-sfm", "--preset", "literal"};
 const std::vector<std::string> kPlain = {"--method", "plain"};
 
@@ -71,7 +72,7 @@ std::vector<Cell> PlanCells(const Groups& groups, const CaptureSize& size) {
   if (groups.stress) Add("stress", StressCaptures(size), MainMethods(), cells);
   if (groups.ablation) Add("ablation", AblationCaptures(size), AblationMethods(), cells);
   if (groups.photographs) {
-    Add("photographs", PhotographCaptures(), {{"plain", kPlain}, {"tc-sfm", kRig}}, cells);
+    Add("photographs", PhotographCaptures(), {{"plain", kPlain}, {"tc-sfm", kInternet}}, cells);
   }
   return cells;
 }

@@ -4,6 +4,8 @@
 
 #include <Eigen/Geometry>
 #include <limits>
+#include <memory>
+#include <vector>
 
 #include "tests/support/reconstruction_near.h"
 #include "tests/support/synthetic_world.h"
@@ -181,6 +183,40 @@ TEST_F(BundleAdjustmentTest, GivesTheSameBytesTwice) {
   }
   for (size_t p = 0; p < once.points.size(); ++p) {
     EXPECT_EQ(once.points[p].position, twice.points[p].position);
+  }
+}
+
+/// Holes of all sizes in the heap, so that what is allocated next lies in another order each time.
+std::vector<std::unique_ptr<char[]>> Holes(uint64_t seed) {
+  NormalRandom random(seed);
+  std::vector<std::unique_ptr<char[]>> blocks;
+  for (int i = 0; i < 2000; ++i)
+    blocks.push_back(std::make_unique<char[]>(16 + random.Index(4000)));
+  for (auto& block : blocks) {
+    if (random.Index(2) == 0) block.reset();
+  }
+  return blocks;
+}
+
+TEST_F(BundleAdjustmentTest, GivesTheSameBytesWhereverItsMemoryLies) {
+  SyntheticOptions options;
+  options.shared_lens = false;
+  const SyntheticWorld world = MakeSyntheticWorld(options);
+  const Reconstruction start = Perturbed(TrueReconstruction(world), 0.01, 0.01);
+  BundleAdjustmentOptions adjustment;
+  adjustment.refine_intrinsics = true;
+  adjustment.max_iterations = 5;
+  Reconstruction first = start;
+  ASSERT_TRUE(AdjustBundle(first, world.features, AllImages(world), adjustment, context_));
+  for (uint64_t seed = 1; seed <= 10; ++seed) {
+    const auto holes = Holes(seed);
+    Reconstruction model = start;
+    ASSERT_TRUE(AdjustBundle(model, world.features, AllImages(world), adjustment, context_));
+    for (size_t i = 0; i < model.cam_from_model.size(); ++i) {
+      ASSERT_EQ(first.cam_from_model[i]->Matrix(), model.cam_from_model[i]->Matrix())
+          << "image " << i << ", seed " << seed;
+      ASSERT_EQ(first.intrinsics.lenses[i].params, model.intrinsics.lenses[i].params);
+    }
   }
 }
 

@@ -152,6 +152,36 @@ TEST_F(CovarianceTest, DoesNotDependOnTheFrameOfTheModel) {
   }
 }
 
+/// Every corner found twice, as at two scales: the second time tells nothing new.
+TEST_F(CovarianceTest, KeypointsOnTheSameCornerCountOnce) {
+  SyntheticOptions options = SmallRing();
+  options.points = 1000;  // so many that the poses' part in the redundancy does not count
+  const SyntheticWorld world = WithNoise(MakeSyntheticWorld(options), kSeed);
+  const Reconstruction once = TrueReconstruction(world);
+  Features features = world.features;
+  std::vector<size_t> count;
+  for (ImageFeatures& image : features.images) {
+    count.push_back(image.keypoints.size());
+    const std::vector<Keypoint> corners = image.keypoints;
+    image.keypoints.insert(image.keypoints.end(), corners.begin(), corners.end());
+  }
+  Reconstruction twice = once;
+  for (Point3 point : once.points) {
+    for (Observation& observation : point.observations) {
+      observation.keypoint =
+          KeypointId(observation.keypoint.index() + count[observation.image.index()]);
+    }
+    twice.points.push_back(point);
+  }
+  const auto expected = BuildPoseCovariances(once, world.features, false, context_);
+  const auto found = BuildPoseCovariances(twice, features, false, context_);
+  ASSERT_TRUE(expected && found);
+  for (size_t i = 0; i < expected->images.size(); ++i) {
+    const double a = SigmaOf(*expected->images[i]).position_mm;
+    EXPECT_NEAR(SigmaOf(*found->images[i]).position_mm, a, 0.03 * a) << "camera " << i;
+  }
+}
+
 TEST_F(CovarianceTest, SigmasAreRootsOfTheTraces) {
   PoseCovariance covariance = PoseCovariance::Zero();
   covariance.diagonal() << 1e-8, 2e-8, 6e-8, 1e-6, 1e-6, 2e-6;

@@ -26,6 +26,14 @@ TEST(Presets, TheRigIsTheDefault) {
   EXPECT_EQ(options.segments.min_diversity, defaults.segments.min_diversity);
 }
 
+TEST(Presets, OnlyARigKnowsThatTheCamerasSurroundTheSubject) {
+  PipelineOptions options;
+  EXPECT_TRUE(options.tc_sfm.max_gap_deg.has_value());
+  ApplyPreset(Preset::kInternet, options);
+  EXPECT_FALSE(options.tc_sfm.max_gap_deg.has_value());
+  EXPECT_EQ(options.method, Method::kTcSfm);
+}
+
 TEST(Presets, LiteralIsThePapersReading) {
   PipelineOptions options;
   ApplyPreset(Preset::kLiteral, options);

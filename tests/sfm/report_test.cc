@@ -14,6 +14,7 @@
 
 #include "sfm/report_facts.h"
 #include "sfm/report_html.h"
+#include "sfm/report_thumbnails.h"
 #include "sfm/report_views.h"
 
 namespace rotunda::sfm {
@@ -122,7 +123,9 @@ class ReportTest : public testing::Test {
     poses_.summary.mean_position_mm.reset();
   }
 
-  ReportInput Input() const { return {set_, poses_, reconstruction_, calibration_}; }
+  ReportInput Input() const {
+    return {set_, poses_, reconstruction_, calibration_, features_, segments_};
+  }
 
   std::string Build(int threads = 2) const {
     ThreadPool pool(threads);
@@ -136,6 +139,8 @@ class ReportTest : public testing::Test {
   FrameSet set_;
   PoseSet poses_;
   Reconstruction reconstruction_;
+  Features features_;
+  std::optional<Segments> segments_;
   std::optional<Calibration> calibration_;
 };
 
@@ -294,6 +299,30 @@ TEST_F(ReportTest, SaysWhichCameraIsMissingAndWhy) {
   // Without a calibration nothing is known of its place, and nothing is drawn.
   MakeArbitrary();
   EXPECT_EQ(Draw(Input()).top.find("#cam-4"), std::string::npos);
+}
+
+/// Two communities, the second of which looks like another; the marks are the test's, the pictures
+/// show them at their places.
+TEST_F(ReportTest, ShowsTheCommunitiesOverThePictures) {
+  EXPECT_EQ(Build().find("Communities of tracks"), std::string::npos);
+  Segments segments;
+  segments.segments.resize(2);
+  segments.segments[1].ambiguous = true;
+  features_.images.resize(set_.frames.size());
+  segments.of_keypoint.resize(set_.frames.size());
+  features_.images[0].keypoints.resize(3);
+  features_.images[0].keypoints[1].x_px = 40;
+  features_.images[0].keypoints[2].x_px = 80;
+  segments.of_keypoint[0] = {0u, std::nullopt, 1u};
+  segments_ = segments;
+  const report::Marks marks = report::MarksOf(features_, *segments_);
+  ASSERT_EQ(marks[0].size(), 2u);
+  EXPECT_FALSE(marks[0][0].ambiguous);
+  EXPECT_TRUE(marks[0][1].ambiguous);
+  EXPECT_EQ(marks[0][1].place.x(), 80);
+  const std::string html = Build();
+  EXPECT_NE(html.find("Communities of tracks"), std::string::npos);
+  EXPECT_EQ(Count(html, "<img alt=\"" + poses_.cameras[0].camera + "\""), 2u);
 }
 
 TEST_F(ReportTest, SaysWhichCameraHasMoved) {

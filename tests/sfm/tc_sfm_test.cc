@@ -19,6 +19,7 @@ using test::LookAlikeOptions;
 using test::LookAlikeWorld;
 using test::MakeLookAlikeWorld;
 using test::MakeSyntheticWorld;
+using test::NormalRandom;
 using test::NotNear;
 using test::SyntheticOptions;
 using test::SyntheticWorld;
@@ -131,28 +132,63 @@ TEST_F(TcSfmTest, IsNotSureWhereNothingDistinguishesTheSides) {
   }
 }
 
-/// With few points that exist once the result may be right, folded or right but for a few images.
+/// Worlds of every difficulty: prints that leave the sides bare, so that nothing contradicts a
+/// whole fold, few or no points that exist once, few or many crossed matches, long and short
+/// ranges.
+LookAlikeOptions DrawnWorld(uint64_t seed) {
+  NormalRandom random(seed);
+  const auto one_of = [&](const std::vector<double>& values) {
+    return values[random.Index(values.size())];
+  };
+  LookAlikeOptions options;
+  options.seed = seed;
+  options.columns = 13 + random.Index(5);
+  options.head_points = static_cast<size_t>(one_of({0, 20, 40, 60, 80, 120, 200}));
+  options.crossed_share = one_of({0.3, 0.5, 0.7, 1.0});
+  options.print_half_width_deg = one_of({25, 40, 60, 90});
+  options.match_range_deg = one_of({15, 20, 30});
+  return options;
+}
+
+/// The result may be right, folded, right but for a few images or in pieces.
 TEST_F(TcSfmTest, WhatIsSureIsRight) {
   size_t sure = 0, wrong = 0;
-  for (const size_t head_points : {20, 60, 150}) {
-    for (uint64_t seed = 11; seed <= 12; ++seed) {
-      LookAlikeOptions options = FoldingOptions();
-      options.head_points = head_points;
-      options.seed = seed;
-      const SyntheticWorld world = MakeLookAlikeWorld(options).world;
-      const auto result = Run(world);
-      ASSERT_TRUE(result) << result.error().ToString();
-      const double error_rad =
-          ErrorsOf(result->models.models[0], world.cam_from_world).max_rotation_rad;
-      EXPECT_FALSE(result->verdict == Verdict::kSure && error_rad > kFolded_rad)
-          << head_points << " head points, seed " << seed << ", error " << DegFromRad(error_rad)
-          << " deg, evidence " << result->evidence;
-      sure += result->verdict == Verdict::kSure;
-      wrong += error_rad > kFolded_rad;
-    }
+  for (uint64_t seed = 1; seed <= 16; ++seed) {
+    const SyntheticWorld world = MakeLookAlikeWorld(DrawnWorld(seed)).world;
+    const auto result = Run(world);
+    ASSERT_TRUE(result) << result.error().ToString();
+    const double error_rad =
+        ErrorsOf(result->models.models[0], world.cam_from_world).max_rotation_rad;
+    EXPECT_FALSE(result->verdict == Verdict::kSure && error_rad > kFolded_rad)
+        << "seed " << seed << ", error " << DegFromRad(error_rad) << " deg, evidence "
+        << result->evidence << ": " << result->reason;
+    sure += result->verdict == Verdict::kSure;
+    wrong += error_rad > kFolded_rad;
   }
-  EXPECT_GT(sure, 0u);
-  EXPECT_GT(wrong, 0u) << "the worlds are too easy to prove anything";
+  EXPECT_GT(sure, 2u);
+  EXPECT_GT(wrong, 2u) << "the worlds are too easy to prove anything";
+}
+
+/// The same folded model, told where the cameras of a rig stand and not told.
+TEST_F(TcSfmTest, AWholeFoldThatNothingContradictsLeavesHalfTheRingEmpty) {
+  LookAlikeOptions world_options;
+  world_options.columns = 15;
+  world_options.head_points = 0;
+  world_options.crossed_share = 1.0;
+  world_options.print_half_width_deg = 25;
+  world_options.match_range_deg = 20;
+  const SyntheticWorld world = MakeLookAlikeWorld(world_options).world;
+  const auto on_rig = Run(world);
+  ASSERT_TRUE(on_rig) << on_rig.error().ToString();
+  ASSERT_GT(ErrorsOf(on_rig->models.models[0], world.cam_from_world).max_rotation_rad, kFolded_rad);
+  EXPECT_EQ(on_rig->verdict, Verdict::kUnsure);
+  EXPECT_NE(on_rig->reason.find("of the 360 deg around the subject"), std::string::npos)
+      << on_rig->reason;
+  TcSfmOptions anywhere;
+  anywhere.max_gap_deg.reset();
+  const auto unknown = Run(world, anywhere);
+  ASSERT_TRUE(unknown) << unknown.error().ToString();
+  EXPECT_EQ(unknown->verdict, Verdict::kSure) << unknown->reason;
 }
 
 TEST_F(TcSfmTest, ChangesNothingWhereNothingLooksAlike) {

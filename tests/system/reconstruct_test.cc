@@ -45,6 +45,7 @@ nlohmann::json Evaluate(const fs::path& measured, const fs::path& truth) {
 /// Of the capture below: measured 0.054 deg and 1.55 mm, and 0.9 to 1.2 times the predicted sigmas.
 constexpr double kMaxMeanRotation_deg = 0.08;
 constexpr double kMaxMeanPosition_mm = 2.3;
+constexpr double kMaxErrorOverSigma = 1.5;
 
 bool HasColmap() { return RunProcess({"colmap", "help"}).exit_code == 0; }
 
@@ -232,8 +233,11 @@ TEST_F(SimulatedCapture, StartsFromAColmapDatabase) {
   const nlohmann::json errors =
       Evaluate(*folder_ / "from-database" / "poses.json", *folder_ / "set" / "truth.json");
   EXPECT_EQ(errors["registered"], 30);
-  EXPECT_LT(errors["mean_rotation_deg"], kMaxMeanRotation_deg);
-  EXPECT_LT(errors["mean_position_mm"], kMaxMeanPosition_mm);
+  // colmap's verification draws anew in every run, so that there are other matches each time: the
+  // poses must be as good as their sigmas say.
+  EXPECT_LT(errors["rotation_error_over_sigma"], kMaxErrorOverSigma);
+  EXPECT_LT(errors["position_error_over_sigma"], kMaxErrorOverSigma);
+  EXPECT_LT(errors["mean_rotation_deg"], 2 * kMaxMeanRotation_deg);
   EXPECT_EQ(
       nlohmann::json::parse(Bytes(*folder_ / "from-database" / "poses.json"))["options"]["pairs"],
       "database");

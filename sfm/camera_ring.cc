@@ -1,0 +1,80 @@
+#include "sfm/camera_ring.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace rotunda::sfm {
+namespace {
+
+/// Optical axes that diverge by less have no point they look at: sine of the angle, root mean
+/// square.
+constexpr double kParallel = 1e-3;
+
+struct Axes {
+  std::vector<Eigen::Vector3d> centres;
+  std::vector<Eigen::Vector3d> directions;
+};
+
+Axes OpticalAxes(const Reconstruction& model) {
+  Axes axes;
+  for (const std::optional<Rigid3>& cam_from_model : model.cam_from_model) {
+    if (!cam_from_model) continue;
+    axes.centres.push_back(cam_from_model->OriginInSource());
+    axes.directions.push_back(cam_from_model->rotation.conjugate() * Eigen::Vector3d::UnitZ());
+  }
+  return axes;
+}
+
+/// argmin over x of the sum of squared distances to the axes: sum (I - d d^T) (x - c) = 0.
+std::optional<Eigen::Vector3d> NearestPoint(const Axes& axes) {
+  Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i < axes.centres.size(); ++i) {
+    const Eigen::Vector3d& d = axes.directions[i];
+    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - d * d.transpose();
+    normal += across;
+    right += across * axes.centres[i];
+  }
+  normal /= static_cast<double>(axes.centres.size());
+  right /= static_cast<double>(axes.centres.size());
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(normal);
+  if (eigen.eigenvalues()[0] < kParallel * kParallel) return std::nullopt;
+  return normal.ldlt().solve(right);
+}
+
+double WidestGap_rad(const Axes& axes, const Eigen::Vector3d& centre, const Eigen::Vector3d& axis) {
+  const Eigen::Vector3d u = axis.unitOrthogonal(), v = axis.cross(u);
+  std::vector<double> azimuths_rad;
+  for (const Eigen::Vector3d& camera : axes.centres) {
+    azimuths_rad.push_back(std::atan2(v.dot(camera - centre), u.dot(camera - centre)));
+  }
+  std::sort(azimuths_rad.begin(), azimuths_rad.end());
+  double widest_rad = azimuths_rad.front() + 2 * kPi - azimuths_rad.back();
+  for (size_t i = 1; i < azimuths_rad.size(); ++i) {
+    widest_rad = std::max(widest_rad, azimuths_rad[i] - azimuths_rad[i - 1]);
+  }
+  return widest_rad;
+}
+
+}  // namespace
+
+std::optional<CameraRing> FindCameraRing(const Reconstruction& model) {
+  const Axes axes = OpticalAxes(model);
+  if (axes.centres.size() < 2) return std::nullopt;
+  const std::optional<Eigen::Vector3d> centre = NearestPoint(axes);
+  if (!centre) return std::nullopt;
+  // Moments about the centre, not the mean: an arc then has the same axis as the whole ring.
+  Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& camera : axes.centres) {
+    const Eigen::Vector3d from_centre = camera - *centre;
+    moments += from_centre * from_centre.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(moments);
+  const Eigen::Vector3d axis = eigen.eigenvectors().col(0);
+  return CameraRing{*centre, axis, WidestGap_rad(axes, *centre, axis)};
+}
+
+}  // namespace rotunda::sfm
