@@ -31,7 +31,7 @@ class CaptureSession {
   };
 
   /// Starts to open the cameras, all at once, and returns: see WaitUntilReady. Errors: options that
-  /// are not valid, socket buffers that are too small (CheckSocketBuffers).
+  /// are not valid, socket buffers that are too small for cameras on a network.
   static Result<std::unique_ptr<CaptureSession>> Open(CaptureOptions options, Devices devices);
   /// Closes the cameras. Every Shot must be gone by then: its frames' memory is the session's.
   ~CaptureSession();

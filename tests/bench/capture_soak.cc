@@ -1,4 +1,3 @@
-#include <sys/resource.h>
 #include <xxhash.h>
 
 #include <CLI/CLI.hpp>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "rig/frame_set_writer.h"
+#include "tests/bench/process_cost.h"
 #include "tests/support/process.h"
 #include "tests/support/simulated_rig.h"
 
@@ -35,17 +35,6 @@ struct SoakOptions {
   std::string block = "127.40.1";
 };
 
-double Seconds(Clock::time_point since) {
-  return std::chrono::duration<double>(Clock::now() - since).count();
-}
-
-double Cpu_s() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
-         1e-6 * static_cast<double>(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
-}
-
 double Memory_mb() {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
@@ -57,12 +46,6 @@ double Memory_mb() {
 // The kernel's counting of resident pages and the allocator's caches move by a few megabytes; one
 // frame a shot that is not given back would be 1.9 MB a pulse.
 constexpr double kMemoryNoise_mb = 40;
-
-template <typename T>
-T Must(Result<T> result) {
-  if (!result) throw std::runtime_error(result.error().ToString());
-  return std::move(*result);
-}
 
 sim::SimulatedCamera CameraOf(const SoakOptions& options) {
   sim::SimulatedCamera camera;
@@ -138,7 +121,7 @@ class Soak {
     for (int pulse = 0; pulse < options_.pulses; ++pulse) {
       Shoot(pulse);
       // Buffers, pools and the allocator have what they need by then.
-      if (pulse + 1 == std::max(1, options_.pulses / 10)) settled_mb_ = Memory_mb();
+      if (pulse + 1 == std::max(5, options_.pulses / 10)) settled_mb_ = Memory_mb();
       if ((pulse + 1) % std::max(1, options_.pulses / 10) == 0) PrintProgress(pulse + 1);
     }
     const double grown_mb = Memory_mb() - settled_mb_;
@@ -157,7 +140,7 @@ class Soak {
     session_ = Must(rig_.Open());
     const size_t ready = session_->WaitUntilReady(std::chrono::seconds(60));
     std::printf("%zu of %d cameras ready after %.2f s, memory %.0f MB\n", ready, options_.cameras,
-                Seconds(begin), Memory_mb());
+                SecondsSince(begin), Memory_mb());
     for (int i = 0; options_.drop > 0 && i < options_.cameras; ++i) {
       const sim::Fault lossy{sim::FaultKind::kDropPackets, options_.drop, 0};
       if (!rig_.server().SetFault(i, lossy)) throw std::runtime_error("cannot set the fault");
@@ -205,7 +188,7 @@ class Soak {
     std::printf(
         "%5d pulses: %d good, %d frames with wrong bytes, %d sets written, memory %.0f MB, %.2f s "
         "a shot\n",
-        pulses, good_shots_, wrong_bytes_, written_, Memory_mb(), Seconds(begin_) / pulses);
+        pulses, good_shots_, wrong_bytes_, written_, Memory_mb(), SecondsSince(begin_) / pulses);
     std::fflush(stdout);
   }
 

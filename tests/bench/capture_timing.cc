@@ -1,16 +1,11 @@
 #include <arv.h>
-#include <fcntl.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 #include <xxhash.h>
 
 #include <CLI/CLI.hpp>
 #include <chrono>
-#include <csignal>
 #include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -21,7 +16,9 @@
 #include "rig/png_encoder.h"
 #include "rig/sim/socket_trigger.h"
 #include "sfm/core/file_io.h"
+#include "tests/bench/process_cost.h"
 #include "tests/support/process.h"
+#include "tests/support/served_cameras.h"
 
 // What a shot costs with simulated cameras that are another process: the CPU of receiving, beside
 // that of a loop over Aravis which throws the frames away, and the time of every stage from the
@@ -40,62 +37,18 @@ struct TimingOptions {
   std::string block = "127.41.1";
 };
 
-double Seconds(Clock::time_point since) {
-  return std::chrono::duration<double>(Clock::now() - since).count();
-}
-
-double Cpu_s() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
-         1e-6 * static_cast<double>(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
-}
-
-template <typename T>
-T Must(Result<T> result) {
-  if (!result) throw std::runtime_error(result.error().ToString());
-  return std::move(*result);
-}
-
-/// `rotunda simulate --serve` until the object goes.
-class ServedCameras {
- public:
-  ServedCameras(const TimingOptions& options, const std::string& socket) {
-    int ends[2];
-    if (::pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("no pipe");
-    process_ = ::fork();
-    if (process_ == 0) {
-      ::dup2(ends[1], STDOUT_FILENO);
-      ::execl(ROTUNDA_COMMAND, ROTUNDA_COMMAND, "simulate", "--serve", options.frame_set.c_str(),
-              "--block", options.block.c_str(), "--socket", socket.c_str(), "--json", nullptr);
-      ::_exit(127);
-    }
-    ::close(ends[1]);
-    std::string text;
-    char part[4096];
-    while (!nlohmann::json::accept(text)) {
-      const ssize_t size = ::read(ends[0], part, sizeof(part));
-      if (size <= 0) throw std::runtime_error("the simulated cameras did not start");
-      text.append(part, static_cast<size_t>(size));
-    }
-    ::close(ends[0]);
-    for (const auto& camera : nlohmann::json::parse(text).at("cameras")) {
-      places_.push_back(
-          {camera.at("camera"), camera.at("serial"), camera.at("address"), "loopback"});
-    }
+/// Where the cameras are, as the command "list" tells: address, name, serial number, state.
+std::vector<rig::CameraPlace> PlacesOf(const test::ServedCameras& cameras) {
+  std::vector<rig::CameraPlace> places;
+  std::istringstream lines(cameras.Send({"list"}).output);
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    rig::CameraPlace& place = places.emplace_back();
+    words >> place.address >> place.camera >> place.serial;
+    place.uplink = "loopback";
   }
-  ~ServedCameras() {
-    ::kill(process_, SIGINT);
-    ::waitpid(process_, nullptr, 0);
-  }
-  ServedCameras(const ServedCameras&) = delete;
-  ServedCameras& operator=(const ServedCameras&) = delete;
-  const std::vector<rig::CameraPlace>& places() const { return places_; }
-
- private:
-  pid_t process_ = -1;
-  std::vector<rig::CameraPlace> places_;
-};
+  return places;
+}
 
 struct Cost {
   double cpu_s = 0;
@@ -192,14 +145,13 @@ Cost TakeShots(rig::CaptureSession& session, int pulses) {
   return cost;
 }
 
-void CompareReceiving(const TimingOptions& options, const ServedCameras& cameras,
+void CompareReceiving(const TimingOptions& options, const std::vector<rig::CameraPlace>& places,
                       const std::string& socket) {
   sim::SocketTrigger trigger(socket);
   Cost bare, ours;
   for (int round = 0; round < options.rounds; ++round) {
-    const Cost loop = BareLoop(cameras.places()).Take(options.pulses, trigger);
-    const auto session =
-        OpenSession(cameras.places(), std::make_unique<sim::SocketTrigger>(socket));
+    const Cost loop = BareLoop(places).Take(options.pulses, trigger);
+    const auto session = OpenSession(places, std::make_unique<sim::SocketTrigger>(socket));
     const Cost shots = TakeShots(*session, options.pulses);
     bare = {bare.cpu_s + loop.cpu_s, bare.frames + loop.frames};
     ours = {ours.cpu_s + shots.cpu_s, ours.frames + shots.frames};
@@ -220,17 +172,17 @@ void ProfileFiles(const rig::Shot& shot, const std::filesystem::path& out) {
     files.push_back(
         Must(rig::EncodePng({{frame.memory.data(), size}, frame.width_px, frame.height_px, 1})));
   }
-  const double encode_s = Seconds(begin);
+  const double encode_s = SecondsSince(begin);
   begin = Clock::now();
   double level = 0;
   for (const rig::CameraShot& camera : shot.cameras) {
     level += rig::MeasurePicture(*camera.frame).mean_level;
   }
-  const double measure_s = Seconds(begin);
+  const double measure_s = SecondsSince(begin);
   begin = Clock::now();
   uint64_t sum = 0;
   for (const std::string& file : files) sum ^= XXH3_64bits(file.data(), file.size());
-  const double hash_s = Seconds(begin);
+  const double hash_s = SecondsSince(begin);
   begin = Clock::now();
   OutputFolder folder = Must(OutputFolder::Begin(out));
   for (size_t i = 0; i < files.size(); ++i) {
@@ -238,32 +190,31 @@ void ProfileFiles(const rig::Shot& shot, const std::filesystem::path& out) {
       throw std::runtime_error("cannot write");
     }
   }
-  const double write_s = Seconds(begin);
+  const double write_s = SecondsSince(begin);
   begin = Clock::now();
   if (!folder.Commit()) throw std::runtime_error("cannot make durable");
   std::printf(
       "files, on one core: PNG %.2f s, figures %.2f s, checksums %.2f s, writing %.2f s, "
       "fsync and rename %.2f s (mean level %.1f, sum %llx)\n",
-      encode_s, measure_s, hash_s, write_s, Seconds(begin),
+      encode_s, measure_s, hash_s, write_s, SecondsSince(begin),
       level / static_cast<double>(files.size()), static_cast<unsigned long long>(sum));
 }
 
-void TimeStages(const TimingOptions& options, const ServedCameras& cameras,
+void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace>& places,
                 const std::string& socket) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path out =
       options.out.empty() ? temporary.path() : std::filesystem::path(options.out);
   Clock::time_point pulled;
   const auto opening = Clock::now();
-  const auto session =
-      OpenSession(cameras.places(), std::make_unique<TimedTrigger>(socket, pulled));
-  std::printf("opening %zu cameras with a warm-up frame each: %.2f s\n", cameras.places().size(),
-              Seconds(opening));
+  const auto session = OpenSession(places, std::make_unique<TimedTrigger>(socket, pulled));
+  std::printf("opening %zu cameras with a warm-up frame each: %.2f s\n", places.size(),
+              SecondsSince(opening));
   rig::FrameSetWriter writer(0);
   for (int round = 0; round < options.rounds; ++round) {
     const auto begin = Clock::now();
     rig::Shot shot = Must(session->Capture());
-    const double done_s = Seconds(pulled);
+    const double done_s = SecondsSince(pulled);
     const double arm_s = std::chrono::duration<double>(pulled - begin).count();
     double last_ms = 0;
     for (const rig::CameraShot& camera : shot.cameras) {
@@ -283,18 +234,16 @@ void TimeStages(const TimingOptions& options, const ServedCameras& cameras,
     order.captured_at = "2026-01-01T00:00:00Z";
     order.trigger_source = "simulated";
     const rig::WrittenSet written = Must(writer.Wait(writer.Submit(order, std::move(shot))));
-    std::printf(", durable set %.3f s (%.0f MB)\n", Seconds(pulled),
+    std::printf(", durable set %.3f s (%.0f MB)\n", SecondsSince(pulled),
                 1e-6 * static_cast<double>(written.bytes));
   }
 }
 
-int Run(const TimingOptions& options) {
-  const test::TemporaryFolder folder;
-  const std::string socket = (folder / "trigger.sock").string();
-  const ServedCameras cameras(options, socket);
-  TimeStages(options, cameras, socket);
-  CompareReceiving(options, cameras, socket);
-  return 0;
+void Run(const TimingOptions& options) {
+  const test::ServedCameras cameras({ROTUNDA_COMMAND, options.frame_set, options.block});
+  const std::vector<rig::CameraPlace> places = PlacesOf(cameras);
+  TimeStages(options, places, cameras.socket());
+  CompareReceiving(options, places, cameras.socket());
 }
 
 }  // namespace
@@ -310,7 +259,8 @@ int main(int argc, char** argv) {
   app.add_option("--block", options.block)->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {
-    return rotunda::Run(options);
+    rotunda::Run(options);
+    return 0;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "capture_timing: %s\n", error.what());
     return 1;

@@ -2,20 +2,20 @@
 
 #include <gtest/gtest.h>
 
-#include <atomic>
-#include <chrono>
 #include <filesystem>
+#include <memory>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "tests/support/process.h"
+#include "tests/support/served_cameras.h"
 
 namespace rotunda {
 namespace {
 
 using test::ProcessOutcome;
 using test::RunProcess;
+using test::ServedCameras;
 using test::TemporaryFolder;
 
 ProcessOutcome Simulate(std::vector<std::string> arguments) {
@@ -27,47 +27,24 @@ bool Contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
-/// `rotunda simulate --serve` of a small frame set, until the object goes.
-class Served {
- public:
-  explicit Served(const std::string& block) {
+/// Three small cameras.
+class ServeCameras : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<TemporaryFolder>();
     const ProcessOutcome set =
-        Simulate({folder_ / "set", "--cameras", "3", "--scale", "0.1", "--background", "plain"});
-    EXPECT_EQ(set.exit_code, 0) << set.errors;
-    server_ = std::thread([this, block] {
-      outcome_ = RunProcess({ROTUNDA_COMMAND, "simulate", "--serve", folder_ / "set", "--block",
-                             block, "--socket", socket()},
-                            [this] { return done_.load(); });
-      ended_ = true;
-    });
-    while (!ended_ && Send({"list"}).exit_code != 0) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(50));
-    }
+        Simulate({*folder_ / "set", "--cameras", "3", "--scale", "0.1", "--background", "plain"});
+    ASSERT_EQ(set.exit_code, 0) << set.errors;
   }
-  ~Served() { End(); }
-
-  std::string socket() const { return folder_ / "cameras.sock"; }
-  ProcessOutcome Send(std::vector<std::string> words) {
-    words.insert(words.begin(), {"--socket", socket(), "--send"});
-    return Simulate(words);
+  static void TearDownTestSuite() { folder_.reset(); }
+  static ServedCameras::Options At(const std::string& block) {
+    return {ROTUNDA_COMMAND, *folder_ / "set", block};
   }
-  /// As Ctrl-C would.
-  const ProcessOutcome& End() {
-    done_ = true;
-    if (server_.joinable()) server_.join();
-    return outcome_;
-  }
-
- private:
-  TemporaryFolder folder_;
-  std::atomic<bool> done_ = false;
-  std::atomic<bool> ended_ = false;
-  ProcessOutcome outcome_;
-  std::thread server_;
+  static inline std::unique_ptr<TemporaryFolder> folder_;
 };
 
-TEST(ServeCameras, TakeCommandsUntilTheyAreEnded) {
-  Served served("127.42.1");
+TEST_F(ServeCameras, TakeCommandsUntilTheyAreEnded) {
+  ServedCameras served(At("127.42.1"));
   EXPECT_TRUE(Contains(served.Send({"pulse"}).output, "edge_ns "));
   EXPECT_EQ(served.Send({"fault", "all", "drop", "0.05"}).output, "3 cameras\n");
   const ProcessOutcome wrong = served.Send({"fault", "all", "explode"});
@@ -83,12 +60,12 @@ TEST(ServeCameras, TakeCommandsUntilTheyAreEnded) {
   EXPECT_EQ(served.Send({"pulse"}).exit_code, 1);
 }
 
-TEST(ServeCameras, ArvToolListsAndReadsThem) {
+TEST_F(ServeCameras, ArvToolListsAndReadsThem) {
   const std::string tool = "arv-tool-0.8";
   if (RunProcess({tool, "--help"}).exit_code != 0) {
     GTEST_SKIP() << tool << " (package aravis-tools-cli) is not installed";
   }
-  Served served("127.42.2");
+  ServedCameras served(At("127.42.2"));
   const ProcessOutcome list = RunProcess({tool});
   for (const char* address : {"127.42.2.1", "127.42.2.2", "127.42.2.3"}) {
     EXPECT_TRUE(Contains(list.output, std::string("Rotunda-SimulatedGigE-")) &&
@@ -105,7 +82,7 @@ TEST(ServeCameras, ArvToolListsAndReadsThem) {
   EXPECT_TRUE(Contains(features.output, "'TriggerSoftware'")) << features.output;
 }
 
-TEST(ServeCameras, WrongUsageIsRefused) {
+TEST_F(ServeCameras, WrongUsageIsRefused) {
   EXPECT_EQ(Simulate({}).exit_code, 2);
   EXPECT_EQ(Simulate({"out", "--serve"}).exit_code, 2);
   EXPECT_EQ(Simulate({"--serve", "--block", "10.0.0"}).exit_code, 2);
