@@ -30,6 +30,9 @@ constexpr uint64_t kTimestampValueRegister = 0x0948;
 // loses frames then.
 constexpr guint kFrameRetention_us = 1'000'000;
 constexpr guint kPacketTimeout_us = 20'000;
+// Of a frame's packets so many may be asked for again. Aravis' own quarter gives frames up that a
+// busy machine was only late to read.
+constexpr double kPacketRequestRatio = 1.0;
 // The kernel counts a packet with its bookkeeping, about twice its bytes: with this a whole frame
 // waits in the socket when the thread that reads it does not get to run.
 constexpr int kSocketBufferPerPayload = 2;
@@ -386,7 +389,8 @@ Status AravisCamera::ApplyTransport(const CameraSettings& settings) {
   g_object_set(
       stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
       static_cast<gint>(kSocketBufferPerPayload * payload_bytes_), "frame-retention",
-      kFrameRetention_us, "packet-timeout", kPacketTimeout_us, "packet-resend",
+      kFrameRetention_us, "packet-timeout", kPacketTimeout_us, "packet-request-ratio",
+      kPacketRequestRatio, "packet-resend",
       settings.resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
       nullptr);
   return {};

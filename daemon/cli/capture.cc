@@ -24,8 +24,9 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 using std::chrono::milliseconds;
 
-// Opening takes a second; a camera that another program let go of, the 3 s of its heartbeat.
-constexpr auto kReadyPatience = milliseconds(10000);
+// So long after the last camera became ready the others are given up. Opening takes a second; a
+// camera whose program died, the 3 s of its heartbeat.
+constexpr auto kReadyPatience = milliseconds(5000);
 constexpr auto kPollInterval = milliseconds(50);
 constexpr auto kBroadcastPatience = milliseconds(1000);
 
@@ -57,11 +58,13 @@ Result<std::unique_ptr<rig::TriggerLine>> OpenTrigger(const CaptureArguments& ar
 void WaitForCameras(rig::CaptureSession& session, const CommonOptions& common) {
   ProgressLine progress(!common.json);
   const size_t all = session.options().cameras.size();
-  const auto deadline = std::chrono::steady_clock::now() + kReadyPatience;
+  auto deadline = std::chrono::steady_clock::now() + kReadyPatience;
   size_t ready = 0;
   while (ready < all && std::chrono::steady_clock::now() < deadline &&
          !common.stop.stop_requested()) {
+    const size_t before = ready;
     ready = session.WaitUntilReady(kPollInterval, common.stop);
+    if (ready > before) deadline = std::chrono::steady_clock::now() + kReadyPatience;
     progress.Update("cameras", ready, all);
   }
 }

@@ -52,6 +52,7 @@ std::vector<rig::CameraPlace> PlacesOf(const test::ServedCameras& cameras) {
 
 struct Cost {
   double cpu_s = 0;
+  double control_s = 0;  // of it, before the pulses: arming, clocks
   int frames = 0;
 };
 
@@ -106,19 +107,23 @@ class BareLoop {
   std::vector<std::pair<ArvCamera*, ArvStream*>> open_;
 };
 
+struct Pull {
+  Clock::time_point at;
+  double cpu_s = 0;  // used by then
+};
+
 /// Notes when it is pulled: the cameras are armed by then.
 class TimedTrigger : public rig::TriggerLine {
  public:
-  TimedTrigger(const std::string& socket, Clock::time_point& pulled)
-      : line_(socket), pulled_(pulled) {}
+  TimedTrigger(const std::string& socket, Pull& pulled) : line_(socket), pulled_(pulled) {}
   Result<Clock::time_point> Pulse(std::chrono::microseconds width) override {
-    pulled_ = Clock::now();
+    pulled_ = {Clock::now(), Cpu_s()};
     return line_.Pulse(width);
   }
 
  private:
   sim::SocketTrigger line_;
-  Clock::time_point& pulled_;
+  Pull& pulled_;
 };
 
 std::unique_ptr<rig::CaptureSession> OpenSession(const std::vector<rig::CameraPlace>& places,
@@ -135,14 +140,21 @@ std::unique_ptr<rig::CaptureSession> OpenSession(const std::vector<rig::CameraPl
   return session;
 }
 
-Cost TakeShots(rig::CaptureSession& session, int pulses) {
+Cost TakeShots(rig::CaptureSession& session, int pulses, const Pull& pulled) {
   Cost cost;
-  const double before = Cpu_s();
   for (int i = 0; i < pulses; ++i) {
+    const double before = Cpu_s();
     cost.frames += static_cast<int>(Must(session.Capture()).OkCount());
+    cost.cpu_s += Cpu_s() - before;
+    cost.control_s += pulled.cpu_s - before;
   }
-  cost.cpu_s = Cpu_s() - before;
   return cost;
+}
+
+void Add(const Cost& more, Cost& sum) {
+  sum.cpu_s += more.cpu_s;
+  sum.control_s += more.control_s;
+  sum.frames += more.frames;
 }
 
 void CompareReceiving(const TimingOptions& options, const std::vector<rig::CameraPlace>& places,
@@ -150,16 +162,18 @@ void CompareReceiving(const TimingOptions& options, const std::vector<rig::Camer
   sim::SocketTrigger trigger(socket);
   Cost bare, ours;
   for (int round = 0; round < options.rounds; ++round) {
-    const Cost loop = BareLoop(places).Take(options.pulses, trigger);
-    const auto session = OpenSession(places, std::make_unique<sim::SocketTrigger>(socket));
-    const Cost shots = TakeShots(*session, options.pulses);
-    bare = {bare.cpu_s + loop.cpu_s, bare.frames + loop.frames};
-    ours = {ours.cpu_s + shots.cpu_s, ours.frames + shots.frames};
+    Add(BareLoop(places).Take(options.pulses, trigger), bare);
+    Pull pulled;
+    const auto session = OpenSession(places, std::make_unique<TimedTrigger>(socket, pulled));
+    Add(TakeShots(*session, options.pulses, pulled), ours);
   }
   const int pulses = options.pulses * options.rounds;
+  const double receiving_s = ours.cpu_s - ours.control_s;
   std::printf(
-      "CPU a pulse: bare Aravis loop %.3f s (%d frames), capture %.3f s (%d frames): %.2fx\n",
-      bare.cpu_s / pulses, bare.frames, ours.cpu_s / pulses, ours.frames, ours.cpu_s / bare.cpu_s);
+      "CPU a pulse: bare Aravis loop %.3f s (%d frames); capture receives %d frames with %.3f s: "
+      "%.2fx; arming and clocks %.3f s: all together %.2fx\n",
+      bare.cpu_s / pulses, bare.frames, ours.frames, receiving_s / pulses, receiving_s / bare.cpu_s,
+      ours.control_s / pulses, ours.cpu_s / bare.cpu_s);
 }
 
 /// What one core needs for the files of a shot, stage by stage.
@@ -205,7 +219,7 @@ void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace
   const test::TemporaryFolder temporary;
   const std::filesystem::path out =
       options.out.empty() ? temporary.path() : std::filesystem::path(options.out);
-  Clock::time_point pulled;
+  Pull pulled;
   const auto opening = Clock::now();
   const auto session = OpenSession(places, std::make_unique<TimedTrigger>(socket, pulled));
   std::printf("opening %zu cameras with a warm-up frame each: %.2f s\n", places.size(),
@@ -214,8 +228,8 @@ void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace
   for (int round = 0; round < options.rounds; ++round) {
     const auto begin = Clock::now();
     rig::Shot shot = Must(session->Capture());
-    const double done_s = SecondsSince(pulled);
-    const double arm_s = std::chrono::duration<double>(pulled - begin).count();
+    const double done_s = SecondsSince(pulled.at);
+    const double arm_s = std::chrono::duration<double>(pulled.at - begin).count();
     double last_ms = 0;
     for (const rig::CameraShot& camera : shot.cameras) {
       last_ms = std::max(last_ms, camera.arrival_ms);
@@ -234,7 +248,7 @@ void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace
     order.captured_at = "2026-01-01T00:00:00Z";
     order.trigger_source = "simulated";
     const rig::WrittenSet written = Must(writer.Wait(writer.Submit(order, std::move(shot))));
-    std::printf(", durable set %.3f s (%.0f MB)\n", SecondsSince(pulled),
+    std::printf(", durable set %.3f s (%.0f MB)\n", SecondsSince(pulled.at),
                 1e-6 * static_cast<double>(written.bytes));
   }
 }

@@ -90,19 +90,20 @@ TEST_P(BadCapture, IsRefusedWithFileLineKeyAndWhatIsAllowed) {
 
 INSTANTIATE_TEST_SUITE_P(
     Rows, BadCapture,
-    testing::Values(
-        BadText{"[capture]\nexposure = 5\n", "my.toml:2: capture.exposure", "unknown key"},
-        BadText{"[capture]\nptp = 1\n", "my.toml:2: capture.ptp", "expected true or false"},
-        BadText{"[capture]\nexposure_us = -5\n", "my.toml:2: capture.exposure_us",
-                "is -5, expected 1 to"},
-        BadText{"[capture]\npixel_format = \"Mono12\"\n", "my.toml:2: capture.pixel_format",
-                "is \"Mono12\", expected Mono8"},
-        BadText{"[capture]\nwidth_px = 8000\nheight_px = 8000\n", "my.toml:4: uplinks.u",
-                "frames of 64 MB need 5"},
-        BadText{"[cameras.x]\nuplink = \"u\"\n", "my.toml:1: cameras.x",
-                "neither serial nor address"},
-        BadText{"[cameras.x]\nserial = \"S9\"\nuplink = \"v\"\n", "my.toml:3: cameras.x.uplink",
-                "is \"v\", which is not in [uplinks]"}));
+    testing::Values(BadText{"[capture]\nexposure = 5\n", "my.toml:2: capture.exposure",
+                            "is not known; allowed are width_px"},
+                    BadText{"[capture]\nptp = 1\n", "my.toml:2: capture.ptp",
+                            "expected true or false"},
+                    BadText{"[capture]\nexposure_us = -5\n", "my.toml:2: capture.exposure_us",
+                            "is -5, expected 1 to"},
+                    BadText{"[capture]\npixel_format = \"Mono12\"\n",
+                            "my.toml:2: capture.pixel_format", "is \"Mono12\", expected Mono8"},
+                    BadText{"[capture]\nwidth_px = 20000\nheight_px = 20000\n",
+                            "my.toml:4: uplinks.u", "frames of 400 MB need 3"},
+                    BadText{"[cameras.x]\nuplink = \"u\"\n", "my.toml:1: cameras.x",
+                            "neither serial nor address"},
+                    BadText{"[cameras.x]\nserial = \"S9\"\nuplink = \"v\"\n",
+                            "my.toml:3: cameras.x.uplink", "is \"v\", which is not in [uplinks]"}));
 
 TEST(CaptureConfig, NoTwoCamerasShareASerial) {
   const auto options =

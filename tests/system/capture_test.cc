@@ -13,6 +13,7 @@
 #include "sfm/core/frame_set.h"
 #include "tests/support/process.h"
 #include "tests/support/served_cameras.h"
+#include "tests/support/small_frame_set.h"
 
 namespace rotunda {
 namespace {
@@ -34,12 +35,13 @@ class CaptureCommand : public testing::Test {
 
   static void SetUpTestSuite() {
     folder_ = std::make_unique<TemporaryFolder>();
-    const ProcessOutcome made = Run({"simulate", Served(), "--cameras", "4", "--scale", "0.1"});
-    ASSERT_EQ(made.exit_code, 0) << made.errors;
+    test::WriteSmallFrameSet(Served(), 4);
     const auto set = ReadFrameSet(Served());
     ASSERT_TRUE(set) << set.error().ToString();
+    std::ofstream(*folder_ / "lenses.json") << "{}";
     std::ofstream config(*folder_ / "rig.toml");
-    config << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = 5000\npixel_format = \""
+    config << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = 1500\nlate_ms = "
+              "300\npixel_format = \""
            << set->frames.front().pixel_format << "\"\n[uplinks.u]\n";
     for (size_t i = 0; i < set->frames.size(); ++i) {
       config << "[cameras." << set->frames[i].camera << "]\nserial = \"" << set->frames[i].serial
@@ -73,7 +75,7 @@ class CaptureCommand : public testing::Test {
 
 TEST_F(CaptureCommand, WritesThePicturesThatTheCamerasWereGiven) {
   const ProcessOutcome shot =
-      Capture("shot", {"--subject", "dummy", "--calibration", Served() / "calibration.json"});
+      Capture("shot", {"--subject", "dummy", "--calibration", *folder_ / "lenses.json"});
   ASSERT_EQ(shot.exit_code, 0) << shot.errors;
   EXPECT_TRUE(Contains(shot.output, "4/4 ok")) << shot.output;
   const auto served = ReadFrameSet(Served());

@@ -9,6 +9,7 @@
 
 #include "tests/support/process.h"
 #include "tests/support/served_cameras.h"
+#include "tests/support/small_frame_set.h"
 
 namespace rotunda {
 namespace {
@@ -32,9 +33,7 @@ class ServeCameras : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = std::make_unique<TemporaryFolder>();
-    const ProcessOutcome set =
-        Simulate({*folder_ / "set", "--cameras", "3", "--scale", "0.1", "--background", "plain"});
-    ASSERT_EQ(set.exit_code, 0) << set.errors;
+    test::WriteSmallFrameSet(*folder_ / "set", 3);
   }
   static void TearDownTestSuite() { folder_.reset(); }
   static ServedCameras::Options At(const std::string& block) {
