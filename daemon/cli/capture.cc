@@ -9,6 +9,7 @@
 
 #include "config/capture_config.h"
 #include "daemon/cli/commands.h"
+#include "daemon/cli/serve_cameras.h"
 #include "daemon/cli/terminal.h"
 #include "rig/aravis_camera.h"
 #include "rig/camera_discovery.h"
@@ -277,7 +278,8 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       app, common, "capture",
       "Take one synchronised picture with all cameras and write it as a frame set. The set is "
       "written, and marked incomplete, also when cameras missed; the exit status is 1 then.",
-      "rotunda capture --rig config/capture.toml --out person1");
+      "rotunda capture --rig config/capture.toml --out person1\n"
+      "  rotunda capture --rig config/capture.toml --out person1 --simulated");
   AddRigOption(command, *arguments);
   command
       ->add_option("--out", arguments->out,
@@ -285,9 +287,15 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->type_name("FRAMESET")
       ->required();
   command
-      ->add_option("--simulated", arguments->simulated,
-                   "Fire simulated cameras through this socket (see simulate --serve) instead of "
-                   "the GPIO line")
+      ->add_option_function<std::vector<std::string>>(
+          "--simulated",
+          [arguments](const std::vector<std::string>& socket) {
+            const bool is_given = !socket.empty() && !socket.front().empty();
+            arguments->simulated = is_given ? fs::path(socket.front()) : DefaultCameraSocket();
+          },
+          "Fire simulated cameras (`rotunda simulate --serve`) instead of the GPIO line; SOCKET as "
+          "given to them, if it was")
+      ->expected(0, 1)
       ->type_name("SOCKET");
   command
       ->add_option("--calibration", arguments->calibration,

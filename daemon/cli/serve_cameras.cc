@@ -18,14 +18,8 @@
 namespace rotunda::cli {
 namespace {
 
-/// Where the socket is unless --socket says so: the user's own folder for such things.
 std::filesystem::path SocketOf(const ServeArguments& arguments) {
-  if (arguments.socket) return *arguments.socket;
-  const char* runtime = std::getenv("XDG_RUNTIME_DIR");
-  if (runtime != nullptr && *runtime != '\0') {
-    return std::filesystem::path(runtime) / "rotunda-cameras.sock";
-  }
-  return "/tmp/rotunda-cameras-" + std::to_string(::getuid()) + ".sock";
+  return arguments.socket ? *arguments.socket : DefaultCameraSocket();
 }
 
 Result<sim::ServedShots> LoadOrRender(const ServeArguments& arguments, const sim::RigOptions& rig,
@@ -89,6 +83,14 @@ std::string FaultHelp() {
 }
 
 }  // namespace
+
+std::filesystem::path DefaultCameraSocket() {
+  const char* runtime = std::getenv("XDG_RUNTIME_DIR");
+  if (runtime != nullptr && *runtime != '\0') {
+    return std::filesystem::path(runtime) / "rotunda-cameras.sock";
+  }
+  return "/tmp/rotunda-cameras-" + std::to_string(::getuid()) + ".sock";
+}
 
 void AddServeOptions(CLI::App* command, ServeArguments& arguments) {
   const std::string group = "Cameras on loopback";

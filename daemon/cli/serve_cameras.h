@@ -24,6 +24,9 @@ struct ServeArguments {
   double jitter_us = 0;
 };
 
+/// Where the socket is unless the user says so: the user's own folder for such things.
+std::filesystem::path DefaultCameraSocket();
+
 void AddServeOptions(CLI::App* command, ServeArguments& arguments);
 
 /// Serves simulated cameras until Ctrl-C.
