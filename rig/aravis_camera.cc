@@ -29,7 +29,9 @@ constexpr uint64_t kTimestampValueRegister = 0x0948;
 // A busy machine may not get to a camera's packets for hundreds of milliseconds; Aravis' own 100 ms
 // loses frames then.
 constexpr guint kFrameRetention_us = 1'000'000;
-constexpr guint kPacketTimeout_us = 20'000;
+// Lost packets are asked for again after this. With Aravis' 20 ms a camera that only paused is
+// taken for one that loses packets: a third of all was sent twice on a busy machine.
+constexpr guint kPacketTimeout_us = 100'000;
 // Of a frame's packets so many may be asked for again. Aravis' own quarter gives frames up that a
 // busy machine was only late to read.
 constexpr double kPacketRequestRatio = 1.0;

@@ -237,6 +237,7 @@ void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace
     std::printf(
         "shot %d: %zu/%zu ok; arm %.3f s; after the pulse: last frame %.3f s, verdict %.3f s",
         round, shot.OkCount(), shot.cameras.size(), arm_s, 1e-3 * last_ms, done_s);
+    if (!shot.complete()) std::printf("\n%s\n", shot.Summary().c_str());
     if (round == 0 && shot.complete()) {
       std::printf("\n");
       ProfileFiles(shot, out / "profile");
