@@ -71,19 +71,33 @@ Status TomlFile::ReadNode(const std::string& name, const toml::node& node,
   if (!node.is_table()) {
     return At(node, name, "is a " + Describe(node) + ", expected a table");
   }
-  return ReadSection(*node.as_table(), *known);
+  return known->each ? ReadEach(*node.as_table(), *known)
+                     : ReadFields(*node.as_table(), known->name, known->fields);
 }
 
-Status TomlFile::ReadSection(const toml::table& table, const Section& section) const {
+Status TomlFile::ReadEach(const toml::table& table, const Section& section) const {
   for (const auto& [key, node] : table) {
     const std::string name = section.name + "." + std::string(key.str());
+    if (!node.is_table()) {
+      return At(node, name, "is a " + Describe(node) + ", expected a table");
+    }
+    ROTUNDA_RETURN_IF_ERROR(
+        ReadFields(*node.as_table(), name, section.each(std::string(key.str()))));
+  }
+  return {};
+}
+
+Status TomlFile::ReadFields(const toml::table& table, const std::string& table_name,
+                            const std::vector<Field>& fields) const {
+  for (const auto& [key, node] : table) {
+    const std::string name = table_name + "." + std::string(key.str());
     const auto field =
-        std::find_if(section.fields.begin(), section.fields.end(),
+        std::find_if(fields.begin(), fields.end(),
                      [&key = key](const Field& candidate) { return candidate.key == key.str(); });
-    if (field == section.fields.end()) {
-      return At(node, name,
-                "is not known; allowed are " +
-                    ListOf(section.fields, [](const Field& f) { return f.key; }));
+    if (field == fields.end()) {
+      return At(node, name, "is not known; allowed are " + ListOf(fields, [](const Field& f) {
+                              return f.key;
+                            }));
     }
     ROTUNDA_RETURN_IF_ERROR(ReadField(node, name, *field));
   }

@@ -3,6 +3,7 @@
 #include <toml++/toml.h>
 
 #include <Eigen/Core>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -21,7 +22,10 @@ struct Field {
 /// A table; "face[1]" is the second of the list of tables [[face]].
 struct Section {
   std::string name;
-  std::vector<Field> fields;
+  std::vector<Field> fields = {};
+  /// For a table of tables ([cameras.c00r0], [cameras.c00r1], ...): the fields of the one with this
+  /// name. `fields` is empty then.
+  std::function<std::vector<Field>(const std::string& name)> each = nullptr;
 };
 
 /// A parsed TOML file; its errors name `source` and the line.
@@ -47,7 +51,9 @@ class TomlFile {
   Error At(const toml::node& node, const std::string& key, const std::string& message) const;
   Status ReadNode(const std::string& name, const toml::node& node,
                   const std::vector<Section>& sections) const;
-  Status ReadSection(const toml::table& table, const Section& section) const;
+  Status ReadEach(const toml::table& table, const Section& section) const;
+  Status ReadFields(const toml::table& table, const std::string& table_name,
+                    const std::vector<Field>& fields) const;
   Status ReadField(const toml::node& node, const std::string& name, const Field& field) const;
 
   toml::table table_;

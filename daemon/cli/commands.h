@@ -25,6 +25,8 @@ void AddBoard(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddEvaluate(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddExport(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddCameras(CLI::App& app, CommonOptions& common, Action& chosen);
 
 /// A sub-command with --json, --threads and an example under its help.
 CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& name,

@@ -47,6 +47,8 @@ int Main(int argc, char** argv) {
   AddReconstruct(app, common, chosen);
   AddEvaluate(app, common, chosen);
   AddExport(app, common, chosen);
+  AddCapture(app, common, chosen);
+  AddCameras(app, common, chosen);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {

@@ -10,6 +10,7 @@
 #include "config/board_config.h"
 #include "config/sim_config.h"
 #include "daemon/cli/commands.h"
+#include "daemon/cli/serve_cameras.h"
 #include "daemon/cli/terminal.h"
 
 namespace rotunda::cli {
@@ -21,9 +22,11 @@ struct SimulateArguments {
   std::optional<std::filesystem::path> board;
   int placements = 0;
   sim::SimulateOptions options;
+  ServeArguments serve;
 };
 
 Status Simulate(const SimulateArguments& arguments, const CommonOptions& common) {
+  if (!arguments.serve.send.empty()) return SendToCameras(arguments.serve, common);
   sim::RigOptions rig;
   sim::SimulateOptions options = arguments.options;
   if (arguments.rig) {
@@ -32,6 +35,7 @@ Status Simulate(const SimulateArguments& arguments, const CommonOptions& common)
   if (arguments.board) {
     ROTUNDA_ASSIGN_OR_RETURN(options.board, config::ReadBoard(*arguments.board));
   }
+  if (arguments.serve.serve) return ServeCameras(arguments.serve, rig, options, common);
   ThreadPool threads(common.threads);
   ProgressLine progress(!common.json);
   RunContext context{threads, common.stop,
@@ -68,12 +72,15 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
   CLI::App* command = AddCommand(
       app, common, "simulate",
       "Render what the cameras of a rig would take of a person, as a frame set with truth.json "
-      "(the exact cameras) and calibration.json (as a calibration of the rig would have them).",
-      "rotunda simulate capture --texture twin --relief symmetric --seed 7");
-  command
-      ->add_option("OUT", arguments->out,
-                   "Folder to make, in one that exists; if it is there it must be empty")
-      ->required();
+      "(the exact cameras) and calibration.json (as a calibration of the rig would have them). Or "
+      "be "
+      "those cameras: with --serve, GigE Vision devices that any GigE Vision software can use.",
+      "rotunda simulate capture --texture twin --relief symmetric --seed 7\n"
+      "  rotunda simulate --serve capture      (in another terminal: arv-viewer-0.8)\n"
+      "  rotunda simulate --send fault c003r1 drop 0.05\n"
+      "  rotunda simulate --send pulse");
+  CLI::Option* out = command->add_option(
+      "OUT", arguments->out, "Folder to make, in one that exists; if it is there it must be empty");
   command->add_option("--rig", arguments->rig, "Rig to simulate; default: config/rig-90.toml's")
       ->type_name("FILE");
   AddChoice<sim::Target>(command, "--target", options.target,
@@ -137,7 +144,12 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->add_option("--scale", options.picture_scale,
                    "Size of the pictures, above 0.05 to 2; 1 is the rig's")
       ->capture_default_str();
-  command->callback([arguments, &common, &chosen] {
+  AddServeOptions(command, arguments->serve);
+  command->callback([arguments, out, &common, &chosen] {
+    const int tasks = static_cast<int>(out->count() > 0) +
+                      static_cast<int>(arguments->serve.serve) +
+                      static_cast<int>(!arguments->serve.send.empty());
+    if (tasks != 1) throw CLI::ValidationError("OUT", "expected one of OUT, --serve and --send");
     chosen = [arguments, &common] {
       const Status status = Simulate(*arguments, common);
       return status.ok() ? kDone : Fail(status.error());

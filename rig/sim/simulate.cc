@@ -156,14 +156,6 @@ Status WritePictures(const World& world, const Calibration& truth, const RigOpti
   return {};
 }
 
-Calibration DrawTruth(const RigOptions& rig, const SimulateOptions& options) {
-  Calibration truth =
-      DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
-  truth.id = "simulated-" + std::to_string(options.seed);
-  if (options.target == Target::kCuboid) truth.board = BoardOf(options);
-  return truth;
-}
-
 /// A frame set into `folder`, which is there and empty.
 Status WriteShot(const RigOptions& rig, const Calibration& truth, const SimulateOptions& options,
                  const std::filesystem::path& folder, RunContext& context) {
@@ -190,6 +182,15 @@ Status WriteShot(const RigOptions& rig, const Calibration& truth, const Simulate
 
 std::vector<CalibratedFace> BoardOf(const SimulateOptions& options) {
   return DrawBoard(options.board, options.board_errors, DeriveSeed(options.seed, kBoardSeed));
+}
+
+Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options) {
+  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  Calibration truth =
+      DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
+  truth.id = "simulated-" + std::to_string(options.seed);
+  if (options.target == Target::kCuboid) truth.board = BoardOf(options);
+  return truth;
 }
 
 Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
@@ -230,21 +231,20 @@ Picture RenderPicture(const World& world, const RayScene& scene, const Calibrate
 
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context) {
-  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, options));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
-  ROTUNDA_RETURN_IF_ERROR(WriteShot(rig, DrawTruth(rig, options), options, folder.path(), context));
+  ROTUNDA_RETURN_IF_ERROR(WriteShot(rig, truth, options, folder.path(), context));
   return folder.Commit();
 }
 
 Status SimulatePlacements(const RigOptions& rig, const SimulateOptions& options, int count,
                           const std::filesystem::path& out, RunContext& context) {
-  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, options));
   if (options.target != Target::kCuboid) {
     return Error{ErrorCode::kInvalidArgument,
                  "several placements are of the target cuboid, not of a body", "placements"};
   }
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
-  const Calibration truth = DrawTruth(rig, options);
   SimulateOptions shot = options;
   for (int i = 0; i < count; ++i) {
     shot.placement = options.placement + i;

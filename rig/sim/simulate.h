@@ -11,6 +11,7 @@
 #include "rig/sim/rig_options.h"
 #include "rig/sim/texture.h"
 #include "rig/sim/world.h"
+#include "sfm/core/calibration.h"
 #include "sfm/core/result.h"
 #include "sfm/core/run_context.h"
 
@@ -37,6 +38,8 @@ struct SimulateOptions {
 
 /// The faces of the target as they really are: the same in every placement of a seed.
 std::vector<CalibratedFace> BoardOf(const SimulateOptions& options);
+/// The exact cameras of the simulated rig. kInvalidArgument names the option.
+Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options);
 
 /// Who or what stands in the rig, dressed and lit.
 Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,

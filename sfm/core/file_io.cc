@@ -127,6 +127,14 @@ Result<std::string> ReadFile(const fs::path& file) {
   return bytes;
 }
 
+Status WriteNewFile(const fs::path& file, std::string_view bytes) {
+  Descriptor descriptor(::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
+  if (!descriptor.ok()) return WriteError("cannot make", errno, file);
+  ROTUNDA_RETURN_IF_ERROR(WriteAll(descriptor, bytes, file));
+  if (descriptor.Close() != 0) return WriteError("cannot close", errno, file);
+  return {};
+}
+
 Status WriteFileAtomically(const fs::path& file, std::string_view bytes) {
   if (!file.has_filename()) {
     return Error{ErrorCode::kInvalidArgument, "expected the name of a file", file.string()};

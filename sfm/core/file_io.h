@@ -11,6 +11,10 @@ namespace rotunda {
 /// Whole file as bytes. kNotFound, kIo; the error's context is the path.
 Result<std::string> ReadFile(const std::filesystem::path& file);
 
+/// Writes a file that is not there yet, without making it durable: for the files of an
+/// OutputFolder, whose Commit() does.
+Status WriteNewFile(const std::filesystem::path& file, std::string_view bytes);
+
 /// Writes beside `file`, fsyncs and renames over it: a reader sees the old text or the new one.
 Status WriteFileAtomically(const std::filesystem::path& file, std::string_view bytes);
 

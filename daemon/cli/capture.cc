@@ -1,0 +1,332 @@
+#include <chrono>
+#include <cstdio>
+#include <ctime>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "config/capture_config.h"
+#include "daemon/cli/commands.h"
+#include "daemon/cli/serve_cameras.h"
+#include "daemon/cli/terminal.h"
+#include "rig/aravis_camera.h"
+#include "rig/camera_discovery.h"
+#include "rig/capture_session.h"
+#include "rig/frame_set_writer.h"
+#include "rig/gpiod_trigger_line.h"
+#include "rig/sim/socket_trigger.h"
+
+namespace rotunda::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+using std::chrono::milliseconds;
+
+// So long after the last camera became ready the others are given up. Opening takes a second; a
+// camera whose program died, the 3 s of its heartbeat.
+constexpr auto kReadyPatience = milliseconds(5000);
+constexpr auto kPollInterval = milliseconds(50);
+constexpr auto kBroadcastPatience = milliseconds(1000);
+
+struct CaptureArguments {
+  fs::path rig;
+  fs::path out;
+  std::optional<fs::path> simulated;  // socket of the simulated cameras
+  std::optional<fs::path> calibration;
+  std::optional<std::string> subject;
+};
+
+std::string NowText(const char* format) {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof(text), format, &utc);
+  return text;
+}
+
+Result<std::unique_ptr<rig::TriggerLine>> OpenTrigger(const CaptureArguments& arguments,
+                                                      const rig::CaptureOptions& options) {
+  if (!arguments.simulated) return rig::OpenGpiodTriggerLine(options.trigger.gpio);
+  return std::unique_ptr<rig::TriggerLine>(
+      std::make_unique<sim::SocketTrigger>(*arguments.simulated));
+}
+
+/// Waits for the cameras, telling how many there are.
+void WaitForCameras(rig::CaptureSession& session, const CommonOptions& common) {
+  ProgressLine progress(!common.json);
+  const size_t all = session.options().cameras.size();
+  auto deadline = std::chrono::steady_clock::now() + kReadyPatience;
+  size_t ready = 0;
+  while (ready < all && std::chrono::steady_clock::now() < deadline &&
+         !common.stop.stop_requested()) {
+    const size_t before = ready;
+    ready = session.WaitUntilReady(kPollInterval, common.stop);
+    if (ready > before) deadline = std::chrono::steady_clock::now() + kReadyPatience;
+    progress.Update("cameras", ready, all);
+  }
+}
+
+/// Waits for the disk. A set that cannot be written stays in memory until it can, or Ctrl-C.
+Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
+                                    const CommonOptions& common) {
+  bool told = false;
+  std::jthread watch([&](std::stop_token done) {
+    while (!done.stop_requested()) {
+      if (const auto trouble = writer.trouble(); trouble && !told) {
+        told = true;
+        std::fprintf(stderr,
+                     "rotunda: %s; the frames stay in memory and writing is tried again "
+                     "(Ctrl-C gives them up)\n",
+                     trouble->error.ToString().c_str());
+      }
+      std::this_thread::sleep_for(kPollInterval);
+    }
+  });
+  Result<rig::WrittenSet> written = writer.Wait(ticket, common.stop);
+  if (!written && written.error().code == ErrorCode::kCancelled) writer.Abandon(ticket);
+  return written;
+}
+
+Json CameraJson(const rig::CameraShot& camera, const rig::WrittenSet& written) {
+  Json row = {{"camera", camera.camera}, {"verdict", rig::VerdictName(camera.verdict)}};
+  if (!camera.reason.empty()) row["reason"] = camera.reason;
+  if (camera.skew_us) row["skew_us"] = *camera.skew_us;
+  row["arrival_ms"] = camera.arrival_ms;
+  row["resent_packets"] = camera.resent_packets;
+  row["exposure_us"] = camera.settings.exposure_us;
+  if (const auto found = written.figures.find(camera.camera); found != written.figures.end()) {
+    row["mean_level"] = found->second.mean_level;
+    row["clipped_part"] = found->second.clipped_part;
+    row["sharpness"] = found->second.sharpness;
+  }
+  return row;
+}
+
+/// What the shot was, without its frames (which the writer has by then).
+rig::Shot FactsOf(const rig::Shot& shot) {
+  rig::Shot facts;
+  facts.skew = shot.skew;
+  facts.pulses = shot.pulses;
+  facts.first_try = shot.first_try;
+  for (const rig::CameraShot& each : shot.cameras) {
+    rig::CameraShot& copy = facts.cameras.emplace_back();
+    copy.camera = each.camera;
+    copy.verdict = each.verdict;
+    copy.reason = each.reason;
+    copy.settings = each.settings;
+    copy.resent_packets = each.resent_packets;
+    copy.arrival_ms = each.arrival_ms;
+    copy.skew_us = each.skew_us;
+  }
+  return facts;
+}
+
+void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json) {
+  if (json) {
+    Json cameras = Json::array();
+    for (const rig::CameraShot& each : shot.cameras) cameras.push_back(CameraJson(each, written));
+    const Json result = {{"out", written.folder.string()},
+                         {"ok", shot.OkCount()},
+                         {"of", shot.cameras.size()},
+                         {"complete", shot.complete()},
+                         {"pulses", shot.pulses},
+                         {"median_skew_us", shot.skew.median_us},
+                         {"max_skew_us", shot.skew.max_us},
+                         {"max_skew_camera", shot.skew.worst},
+                         {"resent_packets", shot.ResentPackets()},
+                         {"bytes", written.bytes},
+                         {"cameras", std::move(cameras)}};
+    std::printf("%s\n", result.dump(1).c_str());
+    return;
+  }
+  std::printf("%s\n", shot.Summary().c_str());
+  if (!shot.first_try.empty()) std::printf("earlier pulse: %s\n", shot.first_try.c_str());
+  std::printf("skew: median %.1f us, largest %.1f us (%s); %llu packets sent again\n",
+              shot.skew.median_us, shot.skew.max_us, shot.skew.worst.c_str(),
+              static_cast<unsigned long long>(shot.ResentPackets()));
+  std::printf("Wrote %s (%.0f MB)\n", written.folder.c_str(),
+              1e-6 * static_cast<double>(written.bytes));
+}
+
+Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions& common) {
+  std::error_code ignored;
+  if (fs::exists(arguments.out, ignored) && !fs::is_empty(arguments.out, ignored)) {
+    return Error{ErrorCode::kAlreadyExists, "the folder exists and is not empty",
+                 arguments.out.string()};
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(const rig::CaptureOptions options,
+                           config::ReadCaptureOptions(arguments.rig));
+  ROTUNDA_ASSIGN_OR_RETURN(std::unique_ptr<rig::TriggerLine> trigger,
+                           OpenTrigger(arguments, options));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      const std::unique_ptr<rig::CaptureSession> session,
+      rig::CaptureSession::Open(options, {rig::OpenAravisCamera, std::move(trigger)}));
+  WaitForCameras(*session, common);
+  ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(common.stop));
+  rig::Shot facts = FactsOf(shot);
+  rig::FrameSetWriter writer(common.threads);
+  rig::FrameSetOrder order;
+  order.out = arguments.out;
+  order.id = NowText("%Y%m%dT%H%M%SZ");
+  order.captured_at = NowText("%Y-%m-%dT%H:%M:%SZ");
+  order.subject = arguments.subject;
+  order.trigger_source = arguments.simulated ? "simulated" : "gpio";
+  order.calibration = arguments.calibration;
+  ROTUNDA_ASSIGN_OR_RETURN(
+      const rig::WrittenSet written,
+      WaitForDisk(writer, writer.Submit(std::move(order), std::move(shot)), common));
+  PrintShot(facts, written, common.json);
+  return facts;
+}
+
+Json StateJson(const rig::CameraState& state) {
+  Json row = {{"camera", state.camera},
+              {"condition", rig::ConditionName(state.condition)},
+              {"address", state.identity.address},
+              {"serial", state.identity.serial},
+              {"vendor", state.identity.vendor},
+              {"model", state.identity.model},
+              {"firmware", state.identity.firmware},
+              {"control_held", state.health.control_held},
+              {"width", state.settings.width_px},
+              {"height", state.settings.height_px},
+              {"pixel_format", state.settings.pixel_format},
+              {"exposure_us", state.settings.exposure_us},
+              {"gain_db", state.settings.gain_db},
+              {"packet_size_bytes", state.settings.packet_size_bytes},
+              {"packet_delay_ns", state.settings.packet_delay_ns},
+              {"resent_packets", state.counters.resent_packets},
+              {"missing_packets", state.counters.missing_packets}};
+  if (!state.problem.empty()) row["problem"] = state.problem;
+  if (state.health.temperature_deg_c) row["temperature_deg_c"] = *state.health.temperature_deg_c;
+  if (state.health.ptp_offset_ns) row["ptp_offset_ns"] = *state.health.ptp_offset_ns;
+  if (state.last_frame_id) row["last_frame_id"] = *state.last_frame_id;
+  return row;
+}
+
+void PrintStates(const std::vector<rig::CameraState>& states,
+                 const std::vector<rig::CameraIdentity>& unused) {
+  std::printf("%-8s %-8s %-15s %-12s %-14s %-10s %7s %6s %7s\n", "camera", "is", "address",
+              "serial", "model", "firmware", "temp", "packet", "resent");
+  for (const rig::CameraState& state : states) {
+    const auto temperature = state.health.temperature_deg_c;
+    char degrees[16] = "-";
+    if (temperature) std::snprintf(degrees, sizeof(degrees), "%.1f C", *temperature);
+    std::printf("%-8s %-8s %-15s %-12s %-14s %-10s %7s %6d %7llu\n", state.camera.c_str(),
+                rig::ConditionName(state.condition), state.identity.address.c_str(),
+                state.identity.serial.c_str(), state.identity.model.c_str(),
+                state.identity.firmware.c_str(), degrees, state.settings.packet_size_bytes,
+                static_cast<unsigned long long>(state.counters.resent_packets));
+    if (!state.problem.empty()) std::printf("         %s\n", state.problem.c_str());
+  }
+  for (const rig::CameraIdentity& camera : unused) {
+    std::printf("not in the configuration: %s %s, serial %s at %s\n", camera.vendor.c_str(),
+                camera.model.c_str(), camera.serial.c_str(), camera.address.c_str());
+  }
+}
+
+Status ListCameras(const CaptureArguments& arguments, const CommonOptions& common) {
+  ROTUNDA_ASSIGN_OR_RETURN(const rig::CaptureOptions options,
+                           config::ReadCaptureOptions(arguments.rig));
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<rig::CameraIdentity> found,
+                           rig::DiscoverCameras(kBroadcastPatience));
+  ROTUNDA_ASSIGN_OR_RETURN(const std::unique_ptr<rig::CaptureSession> session,
+                           rig::CaptureSession::Open(options, {rig::OpenAravisCamera, nullptr}));
+  WaitForCameras(*session, common);
+  const std::vector<rig::CameraState> states = session->States();
+  const rig::CameraMatch match = rig::MatchCameras(options.cameras, found);
+  if (common.json) {
+    Json result = {{"cameras", Json::array()}, {"not_in_configuration", Json::array()}};
+    for (const rig::CameraState& state : states) result["cameras"].push_back(StateJson(state));
+    for (const rig::CameraIdentity& camera : match.unused) {
+      result["not_in_configuration"].push_back({{"address", camera.address},
+                                                {"serial", camera.serial},
+                                                {"vendor", camera.vendor},
+                                                {"model", camera.model}});
+    }
+    std::printf("%s\n", result.dump(1).c_str());
+  } else {
+    PrintStates(states, match.unused);
+  }
+  size_t ready = 0;
+  for (const rig::CameraState& state : states) {
+    ready += state.condition == rig::CameraCondition::kReady;
+  }
+  if (ready == states.size()) return {};
+  return Error{ErrorCode::kFailed,
+               std::to_string(ready) + " of " + std::to_string(states.size()) + " are ready",
+               "cameras"};
+}
+
+void AddRigOption(CLI::App* command, CaptureArguments& arguments) {
+  command
+      ->add_option("--rig", arguments.rig,
+                   "Cameras, network, trigger and settings, as in config/capture.toml")
+      ->type_name("FILE")
+      ->required();
+}
+
+}  // namespace
+
+void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
+  auto arguments = std::make_shared<CaptureArguments>();
+  CLI::App* command = AddCommand(
+      app, common, "capture",
+      "Take one synchronised picture with all cameras and write it as a frame set. The set is "
+      "written, and marked incomplete, also when cameras missed; the exit status is 1 then.",
+      "rotunda capture --rig config/capture.toml --out person1\n"
+      "  rotunda capture --rig config/capture.toml --out person1 --simulated");
+  AddRigOption(command, *arguments);
+  command
+      ->add_option("--out", arguments->out,
+                   "Folder to make, in one that exists; if it is there it must be empty")
+      ->type_name("FRAMESET")
+      ->required();
+  command
+      ->add_option_function<std::vector<std::string>>(
+          "--simulated",
+          [arguments](const std::vector<std::string>& socket) {
+            const bool is_given = !socket.empty() && !socket.front().empty();
+            arguments->simulated = is_given ? fs::path(socket.front()) : DefaultCameraSocket();
+          },
+          "Fire simulated cameras (`rotunda simulate --serve`) instead of the GPIO line; SOCKET as "
+          "given to them, if it was")
+      ->expected(0, 1)
+      ->type_name("SOCKET");
+  command
+      ->add_option("--calibration", arguments->calibration,
+                   "The calibration in force, to go with the set")
+      ->type_name("FILE")
+      ->check(CLI::ExistingFile);
+  command->add_option("--subject", arguments->subject, "Whom or what the pictures show");
+  command->callback([arguments, &common, &chosen] {
+    chosen = [arguments, &common] {
+      const Result<rig::Shot> shot = Capture(*arguments, common);
+      if (!shot) return Fail(shot.error());
+      if (shot->complete()) return kDone;
+      return Fail({ErrorCode::kFailed, shot->Summary(), "the set is written, but incomplete"});
+    };
+  });
+}
+
+void AddCameras(CLI::App& app, CommonOptions& common, Action& chosen) {
+  auto arguments = std::make_shared<CaptureArguments>();
+  CLI::App* command = AddCommand(
+      app, common, "cameras",
+      "Open all cameras of a rig, tell how each one is, and name those that are missing, "
+      "wrong or not in the configuration.",
+      "rotunda cameras --rig config/capture.toml");
+  AddRigOption(command, *arguments);
+  command->callback([arguments, &common, &chosen] {
+    chosen = [arguments, &common] {
+      const Status status = ListCameras(*arguments, common);
+      return status.ok() ? kDone : Fail(status.error());
+    };
+  });
+}
+
+}  // namespace rotunda::cli

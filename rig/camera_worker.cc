@@ -1,0 +1,494 @@
+#include "rig/camera_worker.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "rig/camera_discovery.h"
+
+namespace rotunda::rig {
+namespace {
+
+using std::chrono::milliseconds;
+
+// An idle camera is looked at this often: control, temperature, clock.
+constexpr auto kIdleInterval = milliseconds(1000);
+// And a lost one is looked for. Its heartbeat (3 s) holds it for whoever had it before.
+constexpr auto kReopenInterval = milliseconds(500);
+
+// A camera answers in well under a millisecond; the machine may be busy for much longer. One
+// datagram may get lost.
+constexpr auto kProbePatience = milliseconds(250);
+constexpr int kProbeTries = 3;
+
+constexpr char kSilent[] = "it does not answer (power, cable and network of the camera?)";
+
+/// Why a camera could not be opened, as a verdict on it.
+Verdict VerdictOf(const Error& error) {
+  if (error.code == ErrorCode::kBadInput) return Verdict::kWrongCamera;
+  return error.code == ErrorCode::kNotFound ? Verdict::kDisconnected : Verdict::kControlLost;
+}
+
+constexpr char kArmedCheck[] = "the camera";
+
+constexpr auto kWarmUpPatience = milliseconds(2000);
+constexpr int kWarmUpTries = 2;  // some cameras swallow the first trigger after idling
+
+// Clocks: no sample better than this is looked for.
+constexpr int64_t kGoodClock_ns = 100'000;
+constexpr int kClockTries = 4;
+// Two quartzes drift apart by at most this part: 50 ppm each.
+constexpr double kClockDrift = 1e-4;
+
+}  // namespace
+
+const char* ConditionName(CameraCondition condition) {
+  switch (condition) {
+    case CameraCondition::kOpening:
+      return "opening";
+    case CameraCondition::kReady:
+      return "ready";
+    case CameraCondition::kLost:
+      return "lost";
+  }
+  return "";
+}
+
+bool PulseTask::closed() const {
+  const std::lock_guard lock(mutex_);
+  return closed_;
+}
+
+void PulseTask::ReportArmed() {
+  {
+    const std::lock_guard lock(mutex_);
+    ++armed_;
+  }
+  changed_.notify_all();
+}
+
+void PulseTask::ReportResult(size_t camera, CameraShot result) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (closed_) return;
+    results_[camera] = std::move(result);
+    ++reported_;
+  }
+  changed_.notify_all();
+}
+
+std::optional<PulseTask::Clock::time_point> PulseTask::WaitForPulse() {
+  std::unique_lock lock(mutex_);
+  changed_.wait(lock, [&] { return pulse_known_; });
+  return pulse_;
+}
+
+void PulseTask::WaitForArmed(size_t count, Clock::time_point deadline) {
+  std::unique_lock lock(mutex_);
+  // Who cannot be armed reports at once.
+  changed_.wait_until(lock, deadline, [&] { return armed_ + reported_ >= count; });
+}
+
+void PulseTask::PublishPulse(std::optional<Clock::time_point> pulse) {
+  {
+    const std::lock_guard lock(mutex_);
+    pulse_ = pulse;
+    pulse_known_ = true;
+  }
+  changed_.notify_all();
+}
+
+std::vector<std::optional<CameraShot>> PulseTask::TakeResults(size_t count,
+                                                              Clock::time_point deadline) {
+  std::unique_lock lock(mutex_);
+  changed_.wait_until(lock, deadline, [&] { return reported_ >= count; });
+  closed_ = true;
+  return std::move(results_);
+}
+
+void CameraWorker::ClockTrack::Add(const ClockSample& sample, Clock::time_point at) {
+  const std::optional<ClockSample> old = At(at);
+  if (old && old->uncertainty_ns <= sample.uncertainty_ns) return;
+  best_ = sample;
+  taken_ = at;
+}
+
+std::optional<ClockSample> CameraWorker::ClockTrack::At(Clock::time_point when) const {
+  if (!best_) return std::nullopt;
+  ClockSample aged = *best_;
+  const auto age = std::chrono::duration_cast<std::chrono::nanoseconds>(when - taken_);
+  aged.uncertainty_ns += static_cast<int64_t>(kClockDrift * static_cast<double>(age.count()));
+  return aged;
+}
+
+CameraWorker::CameraWorker(Setup setup) : setup_(std::move(setup)) {
+  state_.camera = setup_.place.camera;
+  state_.identity.address = setup_.place.address;
+  state_.identity.serial = setup_.place.serial;
+  thread_ = std::thread([this] { Run(); });
+}
+
+CameraWorker::~CameraWorker() {
+  {
+    const std::lock_guard lock(mutex_);
+    quit_ = true;
+  }
+  posted_.notify_all();
+  thread_.join();
+}
+
+CameraState CameraWorker::state() const {
+  const std::lock_guard lock(mutex_);
+  return state_;
+}
+
+template <typename Change>
+void CameraWorker::UpdateState(const Change& change) {
+  const std::lock_guard lock(mutex_);
+  change(state_);
+}
+
+void CameraWorker::Post(Job job) {
+  {
+    const std::lock_guard lock(mutex_);
+    jobs_.push_back(std::move(job));
+  }
+  posted_.notify_all();
+}
+
+std::optional<CameraWorker::Job> CameraWorker::NextJob(milliseconds patience) {
+  std::unique_lock lock(mutex_);
+  posted_.wait_for(lock, patience, [&] { return quit_ || !jobs_.empty(); });
+  if (jobs_.empty()) return std::nullopt;
+  Job job = std::move(jobs_.front());
+  jobs_.pop_front();
+  return job;
+}
+
+void CameraWorker::Run() {
+  const auto quits = [this] {
+    const std::lock_guard lock(mutex_);
+    return quit_ && jobs_.empty();
+  };
+  TryOpen();
+  while (!quits()) {
+    if (const auto job = NextJob(camera_ ? kIdleInterval : kReopenInterval)) {
+      (*job)();
+    } else if (!quits()) {
+      Idle();
+    }
+  }
+  camera_.reset();
+  if (closing_.valid()) closing_.wait();
+}
+
+bool CameraWorker::Answers(int tries) const {
+  for (int i = 0; i < tries; ++i) {
+    if (ProbeCamera(camera_->identity().address, kProbePatience)) return true;
+  }
+  return false;
+}
+
+void CameraWorker::Idle() {
+  if (!camera_) {
+    TryOpen();
+    return;
+  }
+  // Aravis would take seconds to find out that nobody answers.
+  if (!Answers(kProbeTries)) {
+    Lose({Verdict::kDisconnected, kSilent});
+    return;
+  }
+  const Result<CameraHealth> health = camera_->ReadHealth();
+  if (!health) {
+    Lose(FindOut(health.error()));
+    return;
+  }
+  SampleClock(1);
+  UpdateState([&](CameraState& state) {
+    state.health = *health;
+    state.counters = camera_->counters();
+  });
+}
+
+CameraWorker::Loss CameraWorker::FindOut(const Error& error) const {
+  if (!Answers(kProbeTries)) return {Verdict::kDisconnected, kSilent};
+  return {Verdict::kControlLost,
+          "it answers, but control was lost: restarted, or taken by another program (" +
+              error.ToString() + ")"};
+}
+
+void CameraWorker::Lose(const Loss& loss) {
+  if (closing_.valid()) closing_.wait();
+  closing_ =
+      std::async(std::launch::async, [camera = std::move(camera_)]() mutable { camera.reset(); });
+  UpdateState([&](CameraState& state) {
+    state.condition = CameraCondition::kLost;
+    state.problem = loss.problem;
+    state.lost_as = loss.verdict;
+    state.health = {};
+  });
+}
+
+void CameraWorker::TryOpen() {
+  const Status opened = OpenAndWarmUp();
+  if (opened.ok()) return;
+  const Loss loss{VerdictOf(opened.error()), opened.error().ToString()};
+  if (camera_) {
+    Lose(loss);
+    return;
+  }
+  UpdateState([&](CameraState& state) {
+    state.condition = CameraCondition::kLost;
+    state.problem = loss.problem;
+    state.lost_as = loss.verdict;
+  });
+}
+
+Status CameraWorker::OpenAndWarmUp() {
+  ROTUNDA_ASSIGN_OR_RETURN(const CameraPlace place, setup_.locate(setup_.place));
+  ROTUNDA_ASSIGN_OR_RETURN(camera_, setup_.open(place));
+  ROTUNDA_ASSIGN_OR_RETURN(const AppliedSettings applied, camera_->Apply(setup_.settings));
+  ids_ = {};
+  clock_ = {};
+  UpdateState([&](CameraState& state) {
+    state.identity = camera_->identity();
+    state.settings = applied;
+  });
+  ROTUNDA_RETURN_IF_ERROR(WarmUp());
+  ROTUNDA_ASSIGN_OR_RETURN(const CameraHealth health, camera_->ReadHealth());
+  if (!setup_.settings.ptp) SampleClock(kClockTries);
+  UpdateState([&](CameraState& state) {
+    state.condition = CameraCondition::kReady;
+    state.problem.clear();
+    state.health = health;
+    state.counters = camera_->counters();
+  });
+  return {};
+}
+
+/// Takes a frame that nobody needs: the kernel applies the size of a stream's socket buffer with
+/// its first frame, and some cameras lose that.
+Status CameraWorker::WarmUp() {
+  FrameMemory memory(1, state().settings.payload_bytes);
+  Status last;
+  for (int i = 0; i < kWarmUpTries; ++i) {
+    std::vector<FrameBlock> block = memory.Take(1, Clock::now());
+    const Result<CameraFrame> frame = TakeByNow(std::move(block.front()));
+    ROTUNDA_RETURN_IF_ERROR(camera_->Disarm());
+    if (frame && frame->complete) ids_.Begin(frame->frame_id);
+    if (frame) return {};
+    last = frame.error();
+  }
+  return last;
+}
+
+Result<CameraFrame> CameraWorker::TakeByNow(FrameBlock memory) {
+  ROTUNDA_RETURN_IF_ERROR(camera_->Arm(TriggerBy::kSoftware, std::move(memory)));
+  ROTUNDA_RETURN_IF_ERROR([&]() -> Status {
+    const Result<bool> armed = camera_->WaitArmed(Clock::now() + kWarmUpPatience);
+    return armed.ok() ? Status() : Status(armed.error());
+  }());
+  ROTUNDA_RETURN_IF_ERROR(camera_->SoftwareTrigger());
+  std::optional<CameraFrame> frame = camera_->Fetch(Clock::now() + kWarmUpPatience);
+  if (!frame) {
+    return Error{ErrorCode::kFailed, "no frame came when it was triggered by software",
+                 setup_.place.camera};
+  }
+  return std::move(*frame);
+}
+
+void CameraWorker::SampleClock(int tries) {
+  for (int i = 0; i < tries; ++i) {
+    const std::optional<ClockSample> known = clock_.At(Clock::now());
+    if (known && known->uncertainty_ns <= kGoodClock_ns) return;
+    const Result<ClockSample> sample = camera_->SampleClock();
+    if (!sample) return;  // a camera without latch: its skew stays unknown
+    clock_.Add(*sample, Clock::now());
+  }
+}
+
+CameraShot CameraWorker::EmptyShot() const {
+  CameraShot shot;
+  shot.camera = setup_.place.camera;
+  const CameraState now = state();
+  shot.settings = now.settings;
+  shot.serial = now.identity.serial;
+  return shot;
+}
+
+void CameraWorker::JoinPulse(std::shared_ptr<PulseTask> task, size_t index, FrameBlock memory,
+                             bool stay_armed) {
+  auto block = std::make_shared<FrameBlock>(std::move(memory));  // std::function wants copies
+  Post([this, task = std::move(task), index, block, stay_armed] {
+    if (task->closed()) return;
+    CameraShot shot = TakePulse(*task, std::move(*block), stay_armed);
+    UpdateState([&](CameraState& state) {
+      state.last_verdict = VerdictName(shot.verdict);
+      if (camera_) state.counters = camera_->counters();
+      if (shot.frame) state.last_frame_id = shot.frame->frame_id;
+    });
+    const Loss loss{shot.verdict, shot.reason};
+    const bool lost =
+        loss.verdict == Verdict::kDisconnected || loss.verdict == Verdict::kControlLost;
+    task->ReportResult(index, std::move(shot));
+    if (lost && camera_) Lose(loss);
+  });
+}
+
+void CameraWorker::EndShot() {
+  Post([this] {
+    if (!camera_) return;
+    if (const Status status = camera_->Disarm(); !status) Lose(FindOut(status.error()));
+  });
+}
+
+std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
+  auto block = std::make_shared<FrameBlock>(std::move(memory));
+  auto promise = std::make_shared<std::promise<Result<CameraFrame>>>();
+  std::future<Result<CameraFrame>> future = promise->get_future();
+  Post([this, block, promise] {
+    if (!camera_) {
+      promise->set_value(Error{ErrorCode::kFailed, state().problem, setup_.place.camera});
+      return;
+    }
+    Result<CameraFrame> frame = TakeByNow(std::move(*block));
+    const Status disarmed = camera_->Disarm();
+    if (frame && !frame->complete) {
+      frame = Error{ErrorCode::kFailed, frame->problem, setup_.place.camera};
+    }
+    promise->set_value(std::move(frame));
+    if (!disarmed) Lose(FindOut(disarmed.error()));
+  });
+  return future;
+}
+
+Status CameraWorker::PrepareForPulse(const PulseTask& task, FrameBlock memory, bool stay_armed) {
+  ROTUNDA_RETURN_IF_ERROR(stay_armed ? camera_->Refill(std::move(memory))
+                                     : camera_->Arm(TriggerBy::kLine, std::move(memory)));
+  ROTUNDA_ASSIGN_OR_RETURN(const bool armed, camera_->WaitArmed(task.arm_deadline()));
+  if (!armed) {
+    return Error{ErrorCode::kFailed, "does not say that it waits for a trigger", kArmedCheck};
+  }
+  if (!setup_.settings.ptp) SampleClock(kClockTries);
+  return {};
+}
+
+CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed) {
+  CameraShot shot = EmptyShot();
+  if (!camera_) {
+    const CameraState now = state();
+    shot.verdict = now.lost_as;
+    shot.reason = now.problem;
+    return shot;
+  }
+  if (!Answers(kProbeTries)) {
+    shot.verdict = Verdict::kDisconnected;
+    shot.reason = kSilent;
+    return shot;
+  }
+  const StreamCounters before = camera_->counters();
+  const Status armed = PrepareForPulse(task, std::move(memory), stay_armed);
+  if (!armed && armed.error().context == kArmedCheck) {
+    shot.verdict = Verdict::kNotArmed;
+    shot.reason = armed.error().ToString();
+    return shot;
+  }
+  if (!armed) {
+    const Loss loss = FindOut(armed.error());
+    shot.verdict = loss.verdict;
+    shot.reason = loss.problem;
+    return shot;
+  }
+  task.ReportArmed();
+  const std::optional<Clock::time_point> pulse = task.WaitForPulse();
+  if (!pulse) {
+    shot.reason = "there was no pulse";
+    return shot;
+  }
+  FetchPulse(task, *pulse, shot);
+  CheckForSecondFrame(task, before.frames_without_memory, shot);
+  shot.resent_packets = camera_->counters().resent_packets - before.resent_packets;
+  if (!shot.frame) Diagnose(shot);
+  return shot;
+}
+
+void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, CameraShot& shot) {
+  const ShotTiming& timing = task.timing();
+  const auto deadline = pulse + milliseconds(timing.deadline_ms);
+  std::optional<CameraFrame> frame = camera_->Fetch(deadline + milliseconds(timing.late_ms));
+  const auto now = Clock::now();
+  shot.arrival_ms = std::chrono::duration<double, std::milli>(now - pulse).count();
+  const bool late = now > deadline;
+  if (!frame) {
+    ids_.Miss();
+    shot.verdict = Verdict::kMissing;
+    shot.reason = "armed and answering, but no frame came: trigger cable?";
+    return;
+  }
+  if (!frame->complete) {
+    ids_.Miss();
+    shot.verdict = Verdict::kIncomplete;
+    shot.reason = frame->problem;
+    return;
+  }
+  shot.frame = std::move(frame);
+  shot.verdict = Verdict::kOk;
+  CheckFrame(shot);
+  if (late && shot.verdict == Verdict::kOk) {
+    shot.verdict = Verdict::kLate;
+    shot.reason = "came " + std::to_string(static_cast<int>(shot.arrival_ms)) +
+                  " ms after the pulse, allowed are " + std::to_string(timing.deadline_ms);
+  }
+}
+
+void CameraWorker::CheckFrame(CameraShot& shot) {
+  const CameraFrame& frame = *shot.frame;
+  if (setup_.settings.ptp) {
+    shot.exposed_ns = static_cast<int64_t>(frame.timestamp_ns);
+  } else if (const std::optional<ClockSample> clock = clock_.At(Clock::now())) {
+    shot.exposed_ns = static_cast<int64_t>(frame.timestamp_ns) + clock->host_minus_camera_ns;
+    shot.clock_uncertainty_us = 1e-3 * static_cast<double>(clock->uncertainty_ns);
+  }
+  const AppliedSettings& wanted = shot.settings;
+  if (frame.width_px != wanted.width_px || frame.height_px != wanted.height_px ||
+      frame.pixel_format != wanted.pixel_format) {
+    shot.verdict = Verdict::kWrongPicture;
+    shot.reason = "sent " + std::to_string(frame.width_px) + "x" + std::to_string(frame.height_px) +
+                  " " + frame.pixel_format + ", expected " + std::to_string(wanted.width_px) + "x" +
+                  std::to_string(wanted.height_px) + " " + wanted.pixel_format;
+  }
+  const uint64_t last = ids_.last();
+  if (!ids_.Accept(frame.frame_id)) {
+    ids_.Miss();
+    shot.verdict = Verdict::kWrongId;
+    shot.reason = "its frame has number " + std::to_string(frame.frame_id) +
+                  ", expected 1 or the one after " + std::to_string(last);
+  }
+}
+
+void CameraWorker::CheckForSecondFrame(const PulseTask& task, uint64_t unasked_before,
+                                       CameraShot& shot) {
+  if (!shot.frame) return;
+  std::this_thread::sleep_for(milliseconds(task.timing().settle_ms));
+  if (camera_->counters().frames_without_memory == unasked_before) return;
+  ids_.Miss();
+  if (shot.verdict != Verdict::kOk) return;
+  shot.verdict = Verdict::kSecondFrame;
+  shot.reason = "it sent another frame: a second pulse on its trigger input (cable, interference)?";
+}
+
+void CameraWorker::Diagnose(CameraShot& shot) {
+  const auto blame = [&](const Loss& loss) {
+    shot.reason = (shot.verdict == Verdict::kIncomplete ? shot.reason + "; " : "") + loss.problem;
+    shot.verdict = loss.verdict;
+  };
+  if (!Answers(kProbeTries)) {
+    blame({Verdict::kDisconnected, kSilent});
+    return;
+  }
+  if (const Result<CameraHealth> health = camera_->ReadHealth(); !health) {
+    blame(FindOut(health.error()));
+  }
+}
+
+}  // namespace rotunda::rig

@@ -1,0 +1,157 @@
+#pragma once
+
+#include <condition_variable>
+#include <deque>
+#include <functional>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "rig/camera.h"
+#include "rig/capture_options.h"
+#include "rig/shot.h"
+
+namespace rotunda::rig {
+
+enum class CameraCondition { kOpening, kReady, kLost };
+const char* ConditionName(CameraCondition condition);
+
+/// A camera as it was last seen.
+struct CameraState {
+  std::string camera;
+  CameraIdentity identity;  // as configured until it has answered
+  CameraCondition condition = CameraCondition::kOpening;
+  std::string problem;                       // why it is not ready, and what to do
+  Verdict lost_as = Verdict::kDisconnected;  // the same as a verdict, while it is not ready
+  AppliedSettings settings;
+  CameraHealth health;
+  StreamCounters counters;
+  std::optional<uint64_t> last_frame_id;
+  std::string last_verdict;  // of the last shot
+};
+
+/// What all workers of one pulse share. The session makes it, every worker that takes part holds
+/// it: one whose camera hangs may come back to it when the session has long gone on.
+class PulseTask {
+ public:
+  using Clock = Camera::Clock;
+  PulseTask(size_t cameras, const ShotTiming& timing, Clock::time_point arm_deadline)
+      : timing_(timing), arm_deadline_(arm_deadline), results_(cameras) {}
+
+  const ShotTiming& timing() const { return timing_; }
+  Clock::time_point arm_deadline() const { return arm_deadline_; }
+
+  // Of the workers.
+  bool closed() const;  // the session no longer listens
+  void ReportArmed();
+  void ReportResult(size_t camera, CameraShot result);
+  /// The time of the pulse; nullopt when there will be none.
+  std::optional<Clock::time_point> WaitForPulse();
+
+  // Of the session.
+  void WaitForArmed(size_t count, Clock::time_point deadline);
+  void PublishPulse(std::optional<Clock::time_point> pulse);
+  /// Ends the task. Those that have not reported by then stay empty.
+  std::vector<std::optional<CameraShot>> TakeResults(size_t count, Clock::time_point deadline);
+
+ private:
+  const ShotTiming timing_;
+  const Clock::time_point arm_deadline_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  size_t armed_ = 0;
+  size_t reported_ = 0;
+  bool pulse_known_ = false;
+  bool closed_ = false;
+  std::optional<Clock::time_point> pulse_;
+  std::vector<std::optional<CameraShot>> results_;
+};
+
+/// Owns one camera and the only thread that speaks to it: opens it, watches it while idle, opens it
+/// again when it is lost, takes part in shots. Nobody waits for a camera that hangs.
+class CameraWorker {
+ public:
+  /// `locate` gives the place with its address filled in.
+  using Locate = std::function<Result<CameraPlace>(const CameraPlace&)>;
+  struct Setup {
+    CameraPlace place;
+    CameraSettings settings;
+    OpenCamera open;
+    Locate locate;
+  };
+  explicit CameraWorker(Setup setup);
+  /// Closes the camera; seconds when it is gone.
+  ~CameraWorker();
+  CameraWorker(const CameraWorker&) = delete;
+  CameraWorker& operator=(const CameraWorker&) = delete;
+
+  CameraState state() const;
+  const CameraPlace& place() const { return setup_.place; }
+
+  /// Takes part in a pulse as camera `index`. `stay_armed`: the camera still is from the last one.
+  void JoinPulse(std::shared_ptr<PulseTask> task, size_t index, FrameBlock memory, bool stay_armed);
+  /// After the last pulse of a shot.
+  void EndShot();
+  /// One frame by software trigger.
+  std::future<Result<CameraFrame>> Preview(FrameBlock memory);
+
+ private:
+  using Clock = Camera::Clock;
+  using Job = std::function<void()>;
+
+  /// The camera's clock against the host's over time: the best sample, which ages.
+  class ClockTrack {
+   public:
+    void Add(const ClockSample& sample, Clock::time_point at);
+    std::optional<ClockSample> At(Clock::time_point when) const;
+
+   private:
+    std::optional<ClockSample> best_;
+    Clock::time_point taken_;
+  };
+
+  void Post(Job job);
+  void Run();
+  std::optional<Job> NextJob(std::chrono::milliseconds patience);
+  void Idle();
+  void TryOpen();
+  Status OpenAndWarmUp();
+  Status WarmUp();
+  Result<CameraFrame> TakeByNow(FrameBlock memory);
+  bool Answers(int tries) const;
+  /// What is wrong with a camera that a call has failed on.
+  struct Loss {
+    Verdict verdict;
+    std::string problem;
+  };
+  Loss FindOut(const Error& error) const;
+  void Lose(const Loss& loss);
+  void SampleClock(int tries);
+  Status PrepareForPulse(const PulseTask& task, FrameBlock memory, bool stay_armed);
+  CameraShot TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed);
+  void FetchPulse(const PulseTask& task, Clock::time_point pulse, CameraShot& shot);
+  void CheckFrame(CameraShot& shot);
+  void CheckForSecondFrame(const PulseTask& task, uint64_t unasked_before, CameraShot& shot);
+  void Diagnose(CameraShot& shot);
+  CameraShot EmptyShot() const;
+  template <typename Change>
+  void UpdateState(const Change& change);
+
+  const Setup setup_;
+  std::unique_ptr<Camera> camera_;  // null: not open
+  FrameIdCheck ids_;
+  ClockTrack clock_;
+  std::future<void> closing_;  // a lost camera takes seconds to close
+
+  mutable std::mutex mutex_;
+  std::condition_variable posted_;
+  std::deque<Job> jobs_;
+  bool quit_ = false;
+  CameraState state_;
+  std::thread thread_;
+};
+
+}  // namespace rotunda::rig

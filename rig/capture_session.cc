@@ -1,0 +1,235 @@
+#include "rig/capture_session.h"
+
+#include <algorithm>
+#include <thread>
+
+#include "rig/camera_discovery.h"
+
+namespace rotunda::rig {
+namespace {
+
+using Clock = Camera::Clock;
+using std::chrono::milliseconds;
+
+constexpr auto kReadyPollInterval = milliseconds(10);
+// How long a shot waits for the disk before it says that memory is full.
+constexpr auto kMemoryPatience = milliseconds(3000);
+constexpr auto kPreviewPatience = milliseconds(3000);
+// After the deadlines: settling, and finding out why a camera is silent (three probes).
+constexpr auto kDiagnosisPatience = milliseconds(1500);
+// One broadcast serves all cameras that are looked for at the same time.
+constexpr auto kDiscoveryPatience = milliseconds(500);
+constexpr auto kDiscoveryAge = milliseconds(3000);
+
+std::string Megabytes(size_t bytes) { return std::to_string(bytes / 1'000'000) + " MB"; }
+
+size_t PayloadOf(const CameraSettings& settings) {
+  return static_cast<size_t>(settings.width_px) * settings.height_px *
+         (settings.pixel_format == "RGB8" ? 3 : 1);
+}
+
+/// Simulated cameras on this machine wait for who receives: small buffers do no harm there.
+Status CheckBuffers(const CaptureOptions& options, size_t payload_bytes) {
+  const bool on_loopback =
+      std::all_of(options.cameras.begin(), options.cameras.end(),
+                  [](const CameraPlace& camera) { return camera.address.starts_with("127."); });
+  return on_loopback ? Status() : CheckSocketBuffers(payload_bytes);
+}
+
+}  // namespace
+
+class CaptureSession::Locator {
+ public:
+  explicit Locator(std::vector<CameraPlace> cameras) : cameras_(std::move(cameras)) {}
+
+  Result<CameraPlace> Locate(const CameraPlace& place) {
+    if (!place.address.empty()) return place;
+    const std::lock_guard lock(mutex_);
+    if (found_.empty() || Clock::now() > asked_ + kDiscoveryAge) {
+      ROTUNDA_ASSIGN_OR_RETURN(found_, DiscoverCameras(kDiscoveryPatience));
+      asked_ = Clock::now();
+    }
+    const CameraMatch match = MatchCameras({place}, found_);
+    if (!match.problems.empty()) return match.problems.front();
+    return match.places.front();
+  }
+
+  /// The same error, with the name of the camera whose serial was found instead.
+  Error Explain(const CameraPlace& place, Error error) const {
+    for (const CameraPlace& other : cameras_) {
+      if (error.code == ErrorCode::kBadInput && !other.serial.empty() &&
+          other.camera != place.camera && error.message.ends_with("found " + other.serial)) {
+        error.message += " (which belongs to " + other.camera + ": cables swapped?)";
+      }
+    }
+    return error.In(place.camera);
+  }
+
+ private:
+  const std::vector<CameraPlace> cameras_;
+  std::mutex mutex_;
+  std::vector<CameraIdentity> found_;
+  Clock::time_point asked_;
+};
+
+CaptureSession::CaptureSession(CaptureOptions options, Devices devices)
+    : options_(std::move(options)),
+      devices_(std::move(devices)),
+      locator_(std::make_unique<Locator>(options_.cameras)) {
+  for (const CameraPlace& place : options_.cameras) {
+    const auto open = [this](const CameraPlace& at) -> Result<std::unique_ptr<Camera>> {
+      Result<std::unique_ptr<Camera>> camera = devices_.open(at);
+      return camera ? std::move(camera) : locator_->Explain(at, camera.error());
+    };
+    const auto locate = [this](const CameraPlace& at) { return locator_->Locate(at); };
+    workers_.push_back(std::make_unique<CameraWorker>(
+        CameraWorker::Setup{place, options_.SettingsOf(place), open, locate}));
+  }
+}
+
+Result<std::unique_ptr<CaptureSession>> CaptureSession::Open(CaptureOptions options,
+                                                             Devices devices) {
+  ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  ROTUNDA_RETURN_IF_ERROR(CheckBuffers(options, PayloadOf(options.settings)));
+  std::sort(options.cameras.begin(), options.cameras.end(),
+            [](const CameraPlace& a, const CameraPlace& b) { return a.camera < b.camera; });
+  return std::unique_ptr<CaptureSession>(
+      new CaptureSession(std::move(options), std::move(devices)));
+}
+
+CaptureSession::~CaptureSession() {
+  // All at once: closing a camera that is gone takes seconds.
+  std::vector<std::thread> closing;
+  for (std::unique_ptr<CameraWorker>& worker : workers_) {
+    closing.emplace_back([&worker] { worker.reset(); });
+  }
+  for (std::thread& each : closing) each.join();
+}
+
+std::vector<CameraState> CaptureSession::States() const {
+  std::vector<CameraState> states;
+  for (const auto& worker : workers_) states.push_back(worker->state());
+  return states;
+}
+
+std::vector<CameraWorker*> CaptureSession::ReadyWorkers() const {
+  std::vector<CameraWorker*> ready;
+  for (const auto& worker : workers_) {
+    if (worker->state().condition == CameraCondition::kReady) ready.push_back(worker.get());
+  }
+  return ready;
+}
+
+size_t CaptureSession::WaitUntilReady(milliseconds patience, std::stop_token stop) {
+  const auto deadline = Clock::now() + patience;
+  size_t ready = ReadyWorkers().size();
+  while (ready < workers_.size() && Clock::now() < deadline && !stop.stop_requested()) {
+    std::this_thread::sleep_for(kReadyPollInterval);
+    ready = ReadyWorkers().size();
+  }
+  return ready;
+}
+
+size_t CaptureSession::MemoryLimit_bytes() const {
+  const std::lock_guard lock(memory_mutex_);
+  return memory_ ? memory_->limit_bytes() : 0;
+}
+
+Status CaptureSession::MakeMemory() {
+  const std::lock_guard lock(memory_mutex_);
+  if (memory_) return {};
+  size_t payload = PayloadOf(options_.settings);
+  for (const CameraState& state : States()) {
+    payload = std::max(payload, state.settings.payload_bytes);
+  }
+  ROTUNDA_RETURN_IF_ERROR(CheckBuffers(options_, payload));
+  memory_ = std::make_unique<FrameMemory>(workers_.size() * options_.sets_in_memory, payload);
+  return {};
+}
+
+Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
+  const std::vector<CameraWorker*> ready = ReadyWorkers();
+  std::vector<FrameBlock> blocks = memory_->Take(ready.size(), Clock::now() + kMemoryPatience);
+  if (blocks.size() < ready.size()) {
+    return Error{ErrorCode::kFailed,
+                 "memory is full: " + Megabytes(memory_->lent() * memory_->block_bytes()) +
+                     " of frames wait for the disk, and capture.sets_in_memory allows no more; "
+                     "nothing is lost, try again when they are written",
+                 "frames"};
+  }
+  if (stop.stop_requested()) return Error{ErrorCode::kCancelled, "stopped before the pulse", ""};
+  const ShotTiming& timing = options_.timing;
+  const auto arm_deadline = Clock::now() + milliseconds(timing.arm_ms);
+  const auto task = std::make_shared<PulseTask>(workers_.size(), timing, arm_deadline);
+  size_t next = 0;
+  for (size_t i = 0; i < workers_.size(); ++i) {
+    if (next >= ready.size() || workers_[i].get() != ready[next]) continue;
+    workers_[i]->JoinPulse(task, i, std::move(blocks[next++]), stay_armed);
+  }
+  task->WaitForArmed(ready.size(), arm_deadline);
+  const Result<Clock::time_point> pulse =
+      devices_.trigger->Pulse(std::chrono::microseconds(options_.trigger.pulse_us));
+  task->PublishPulse(pulse ? std::optional(*pulse) : std::nullopt);
+  const auto deadline = Clock::now() +
+                        milliseconds(timing.deadline_ms + timing.late_ms + timing.settle_ms) +
+                        kDiagnosisPatience;
+  std::vector<std::optional<CameraShot>> results = task->TakeResults(ready.size(), deadline);
+  if (!pulse) return pulse.error().In("trigger");
+  Shot shot;
+  for (size_t i = 0; i < workers_.size(); ++i) {
+    if (results[i]) {
+      shot.cameras.push_back(std::move(*results[i]));
+      continue;
+    }
+    CameraShot silent;
+    const CameraState state = workers_[i]->state();
+    silent.camera = state.camera;
+    silent.serial = state.identity.serial;
+    silent.settings = state.settings;
+    silent.verdict =
+        state.condition == CameraCondition::kReady ? Verdict::kDisconnected : state.lost_as;
+    silent.reason = state.condition == CameraCondition::kReady
+                        ? "it does not answer (power, cable and network of the camera?)"
+                        : state.problem;
+    shot.cameras.push_back(std::move(silent));
+  }
+  JudgeSkew(options_.skew_limit_us, shot);
+  return shot;
+}
+
+Result<Shot> CaptureSession::Capture(std::stop_token stop) {
+  const std::lock_guard lock(one_shot_);
+  if (!devices_.trigger) return Error{ErrorCode::kInvalidArgument, "there is none", "trigger"};
+  if (ReadyWorkers().empty()) {
+    return Error{ErrorCode::kFailed,
+                 "none of " + std::to_string(workers_.size()) +
+                     " is ready; the first says: " + workers_.front()->state().problem,
+                 "cameras"};
+  }
+  ROTUNDA_RETURN_IF_ERROR(MakeMemory());
+  Result<Shot> best = TakePulse(false, stop);
+  for (int i = 0; best && i < options_.retries && !best->complete(); ++i) {
+    Result<Shot> next = TakePulse(true, stop);
+    if (!next) break;  // what there is is kept
+    if (next->OkCount() < best->OkCount()) std::swap(*next, *best);
+    const std::string others = next->first_try + best->first_try;  // one of them is empty
+    next->first_try = others + (others.empty() ? "" : "; then ") + best->Summary();
+    next->pulses = i + 2;
+    best = std::move(next);
+  }
+  for (const auto& worker : workers_) worker->EndShot();
+  return best;
+}
+
+Result<CameraFrame> CaptureSession::Preview(const std::string& camera) {
+  ROTUNDA_RETURN_IF_ERROR(MakeMemory());
+  for (const auto& worker : workers_) {
+    if (worker->place().camera != camera) continue;
+    std::vector<FrameBlock> block = memory_->Take(1, Clock::now() + kPreviewPatience);
+    if (block.empty()) return Error{ErrorCode::kFailed, "frames wait for the disk", "memory"};
+    return worker->Preview(std::move(block.front())).get();
+  }
+  return Error{ErrorCode::kNotFound, "no camera has this name", camera};
+}
+
+}  // namespace rotunda::rig

@@ -1,0 +1,282 @@
+#include "rig/frame_set_writer.h"
+
+#include <sys/resource.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "rig/png_encoder.h"
+#include "sfm/core/file_io.h"
+
+namespace rotunda::rig {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr auto kRetryInterval = std::chrono::milliseconds(1000);
+constexpr auto kWaitPollInterval = std::chrono::milliseconds(50);
+// Frames that arrive cannot wait, files can.
+constexpr int kNiceness = 10;
+
+void LowerPriorityOnce() {
+  thread_local const bool lowered =
+      ::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), kNiceness) == 0;
+  static_cast<void>(lowered);
+}
+
+std::string HashText(std::string_view bytes) {
+  char text[17];
+  std::snprintf(text, sizeof(text), "%016llx",
+                static_cast<unsigned long long>(XXH3_64bits(bytes.data(), bytes.size())));
+  return text;
+}
+
+int ChannelsOf(const CameraFrame& frame) { return frame.pixel_format == "RGB8" ? 3 : 1; }
+
+PixelsView ViewOf(const CameraFrame& frame) {
+  const int channels = ChannelsOf(frame);
+  const size_t size = static_cast<size_t>(frame.width_px) * frame.height_px * channels;
+  return {{frame.memory.data(), size}, frame.width_px, frame.height_px, channels};
+}
+
+Frame DescribeFrame(const CameraShot& shot) {
+  Frame frame;
+  frame.camera = shot.camera;
+  frame.serial = shot.serial;
+  frame.width_px = shot.settings.width_px;
+  frame.height_px = shot.settings.height_px;
+  frame.pixel_format = shot.settings.pixel_format;
+  frame.exposure_us = shot.settings.exposure_us;
+  frame.gain_db = shot.settings.gain_db;
+  frame.status = VerdictName(shot.verdict);
+  if (shot.frame) {
+    frame.file = "frames/" + shot.camera + ".png";
+    frame.width_px = shot.frame->width_px;
+    frame.height_px = shot.frame->height_px;
+    frame.pixel_format = shot.frame->pixel_format;
+    frame.frame_id = shot.frame->frame_id;
+    frame.timestamp_ns = shot.frame->timestamp_ns;
+  }
+  return frame;
+}
+
+FrameSet DescribeSet(const FrameSetOrder& order, const Shot& shot) {
+  FrameSet set;
+  set.id = order.id;
+  set.captured_at = order.captured_at;
+  set.subject = order.subject;
+  set.trigger["source"] = order.trigger_source;
+  set.trigger["pulses"] = static_cast<uint64_t>(shot.pulses);
+  set.trigger["complete"] = shot.complete();
+  set.trigger["ok"] = static_cast<uint64_t>(shot.OkCount());
+  set.trigger["of"] = static_cast<uint64_t>(shot.cameras.size());
+  set.trigger["median_skew_us"] = shot.skew.median_us;
+  set.trigger["max_skew_us"] = shot.skew.max_us;
+  set.trigger["max_skew_camera"] = shot.skew.worst;
+  set.trigger["resent_packets"] = shot.ResentPackets();
+  for (const CameraShot& camera : shot.cameras) set.frames.push_back(DescribeFrame(camera));
+  return set;
+}
+
+/// shot.json: what frameset.json has no place for, camera by camera.
+std::string ShotText(const Shot& shot, const std::map<std::string, PictureFigures>& figures) {
+  Json cameras = Json::array();
+  for (const CameraShot& each : shot.cameras) {
+    Json camera = {{"camera", each.camera}, {"verdict", VerdictName(each.verdict)}};
+    if (!each.reason.empty()) camera["reason"] = each.reason;
+    if (each.skew_us) camera["skew_us"] = *each.skew_us;
+    camera["clock_uncertainty_us"] = each.clock_uncertainty_us;
+    camera["arrival_ms"] = each.arrival_ms;
+    camera["resent_packets"] = each.resent_packets;
+    if (const auto found = figures.find(each.camera); found != figures.end()) {
+      camera["mean_level"] = found->second.mean_level;
+      camera["clipped_part"] = found->second.clipped_part;
+      camera["sharpness"] = found->second.sharpness;
+    }
+    cameras.push_back(std::move(camera));
+  }
+  Json root = {{"format", "rotunda-shot/1"}, {"pulses", shot.pulses}};
+  if (!shot.first_try.empty()) root["first_try"] = shot.first_try;
+  root["cameras"] = std::move(cameras);
+  return root.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace
+
+PictureFigures MeasurePicture(const CameraFrame& frame) {
+  const bool bayer = frame.pixel_format.starts_with("Bayer");
+  const size_t channels = static_cast<size_t>(ChannelsOf(frame));
+  const size_t grid = bayer ? 2 : 1;
+  const bool green_second = frame.pixel_format == "BayerRG8" || frame.pixel_format == "BayerBG8";
+  const size_t first = bayer ? (green_second ? 1 : 0) : (channels == 3 ? 1 : 0);
+  const size_t across = grid * channels;
+  const size_t down = grid * static_cast<size_t>(frame.width_px) * channels;
+  const size_t columns = static_cast<size_t>(frame.width_px) / grid;
+  const size_t rows = static_cast<size_t>(frame.height_px) / grid;
+  PictureFigures figures;
+  if (columns < 3 || rows < 3) return figures;
+  uint64_t sum = 0, clipped = 0, laplacian = 0;
+  for (size_t y = 1; y + 1 < rows; ++y) {
+    const uint8_t* row = frame.memory.data() + first + y * down;
+    for (size_t x = 1; x + 1 < columns; ++x) {
+      const uint8_t* at = row + x * across;
+      const int bend = 4 * at[0] - *(at - across) - at[across] - *(at - down) - at[down];
+      sum += at[0];
+      clipped += at[0] == 255;
+      laplacian += static_cast<uint64_t>(bend * bend);
+    }
+  }
+  const auto count = static_cast<double>((columns - 2) * (rows - 2));
+  figures.mean_level = static_cast<double>(sum) / count;
+  figures.clipped_part = static_cast<double>(clipped) / count;
+  figures.sharpness = sum == 0 ? 0 : static_cast<double>(laplacian) / static_cast<double>(sum);
+  return figures;
+}
+
+struct FrameSetWriter::Job {
+  Ticket ticket = 0;
+  FrameSetOrder order;
+  Shot shot;
+};
+
+FrameSetWriter::FrameSetWriter(int threads) : threads_(threads), thread_([this] { Run(); }) {}
+
+FrameSetWriter::~FrameSetWriter() {
+  {
+    const std::lock_guard lock(mutex_);
+    quit_ = true;
+  }
+  changed_.notify_all();
+  thread_.join();
+}
+
+FrameSetWriter::Ticket FrameSetWriter::Submit(FrameSetOrder order, Shot shot) {
+  Ticket ticket = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    ticket = ++last_ticket_;
+    jobs_.push_back({ticket, std::move(order), std::move(shot)});
+  }
+  changed_.notify_all();
+  return ticket;
+}
+
+Result<WrittenSet> FrameSetWriter::Wait(Ticket ticket, std::stop_token stop) {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    if (const auto found = done_.find(ticket); found != done_.end()) {
+      Result<WrittenSet> result = std::move(found->second);
+      done_.erase(found);
+      return result;
+    }
+    if (stop.stop_requested()) {
+      return Error{ErrorCode::kCancelled, "stopped while the frame set was being written", ""};
+    }
+    changed_.wait_for(lock, kWaitPollInterval);
+  }
+}
+
+void FrameSetWriter::Abandon(Ticket ticket) {
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = std::find_if(jobs_.begin(), jobs_.end(),
+                                    [&](const Job& job) { return job.ticket == ticket; });
+    if (found == jobs_.end()) return;
+    if (found == jobs_.begin()) {
+      abandon_first_ = true;
+    } else {
+      done_.emplace(ticket, Error{ErrorCode::kFailed, "was given up", found->order.out.string()});
+      jobs_.erase(found);
+    }
+  }
+  changed_.notify_all();
+}
+
+size_t FrameSetWriter::pending() const {
+  const std::lock_guard lock(mutex_);
+  return jobs_.size();
+}
+
+std::optional<FrameSetWriter::Trouble> FrameSetWriter::trouble() const {
+  const std::lock_guard lock(mutex_);
+  return trouble_;
+}
+
+void FrameSetWriter::Run() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    changed_.wait(lock, [&] { return quit_ || !jobs_.empty(); });
+    if (jobs_.empty()) return;
+    Job& job = jobs_.front();  // stays there: nobody else takes the first
+    lock.unlock();
+    Result<WrittenSet> written = Write(job);
+    lock.lock();
+    if (!written) {
+      trouble_ = Trouble{job.order.out, written.error()};
+      changed_.notify_all();
+      changed_.wait_for(lock, kRetryInterval, [&] { return quit_ || abandon_first_; });
+      if (!quit_ && !abandon_first_) continue;
+    }
+    trouble_.reset();
+    abandon_first_ = false;
+    done_.emplace(job.ticket, std::move(written));
+    jobs_.pop_front();
+    changed_.notify_all();
+  }
+}
+
+Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
+  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(job.order.out));
+  std::error_code failed;
+  fs::create_directory(folder.path() / "frames", failed);
+  if (failed) return Error{ErrorCode::kIo, failed.message(), (folder.path() / "frames").string()};
+  FrameSet set = DescribeSet(job.order, job.shot);
+  const size_t count = job.shot.cameras.size();
+  std::vector<PictureFigures> figures(count);
+  std::vector<size_t> sizes(count);
+  std::vector<std::optional<Error>> errors(count);
+  std::stop_source stop;
+  threads_.ParallelFor(
+      count,
+      [&](size_t i) {
+        LowerPriorityOnce();
+        const std::optional<CameraFrame>& frame = job.shot.cameras[i].frame;
+        if (!frame) return;
+        const Result<std::string> png = EncodePng(ViewOf(*frame));
+        const Status status = png ? WriteNewFile(folder.path() / set.frames[i].file, *png)
+                                  : Status(png.error().In(set.frames[i].camera));
+        if (!status) {
+          errors[i] = status.error();
+          stop.request_stop();
+          return;
+        }
+        sizes[i] = png->size();
+        set.frames[i].xxh3 = HashText(*png);
+        figures[i] = MeasurePicture(*frame);
+      },
+      stop.get_token());
+  WrittenSet written{job.order.out, {}, 0};
+  for (size_t i = 0; i < count; ++i) {
+    if (errors[i]) return *errors[i];
+    written.bytes += sizes[i];
+    if (job.shot.cameras[i].frame) written.figures[set.frames[i].camera] = figures[i];
+  }
+  ROTUNDA_RETURN_IF_ERROR(
+      WriteNewFile(folder.path() / "shot.json", ShotText(job.shot, written.figures)));
+  if (job.order.calibration) {
+    ROTUNDA_ASSIGN_OR_RETURN(const std::string text, ReadFile(*job.order.calibration));
+    ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "calibration.json", text));
+  }
+  ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "frameset.json", FrameSetToJson(set)));
+  ROTUNDA_RETURN_IF_ERROR(folder.Commit());
+  return written;
+}
+
+}  // namespace rotunda::rig

@@ -1,0 +1,99 @@
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "rig/shot.h"
+#include "sfm/core/frame_set.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+
+namespace rotunda::rig {
+
+/// Tells a black, burnt-out or unsharp picture from a good one. Over one of the two greens of a
+/// Bayer pattern, else over the grey or green channel.
+struct PictureFigures {
+  double mean_level = 0;    // 0..255
+  double clipped_part = 0;  // of the pixels, at 255
+  // Sum of the squared Laplacian over the sum of levels. Shot noise grows with the level, so its
+  // part in this is the same in dark and bright pictures.
+  double sharpness = 0;
+};
+PictureFigures MeasurePicture(const CameraFrame& frame);
+
+/// Where a shot goes and what its frame set says of it.
+struct FrameSetOrder {
+  std::filesystem::path out;
+  std::string id;
+  std::string captured_at;  // RFC 3339
+  std::optional<std::string> subject;
+  std::string trigger_source;                        // "gpio" or "simulated"
+  std::optional<std::filesystem::path> calibration;  // in force; copied into the set
+};
+
+/// A shot as it lies on the disk.
+struct WrittenSet {
+  std::filesystem::path folder;
+  std::map<std::string, PictureFigures> figures;  // by camera, of those with a picture
+  uint64_t bytes = 0;
+};
+
+/// Turns shots into durable frame sets, one after the other, off the path that receives frames: on
+/// `threads` threads of low priority, while the next pulse is taken. A frame's memory is given back
+/// as soon as its set is durable. When the disk refuses (full, gone) nothing is lost: what is in
+/// memory stays, and writing is tried again until there is space, or Abandon().
+class FrameSetWriter {
+ public:
+  using Ticket = uint64_t;
+  struct Trouble {
+    std::filesystem::path out;
+    Error error;
+  };
+
+  explicit FrameSetWriter(int threads);
+  /// Waits for what can be written; sets in trouble are dropped.
+  ~FrameSetWriter();
+  FrameSetWriter(const FrameSetWriter&) = delete;
+  FrameSetWriter& operator=(const FrameSetWriter&) = delete;
+
+  /// Takes the shot over and returns at once.
+  Ticket Submit(FrameSetOrder order, Shot shot);
+  /// Waits until the set is durable; kCancelled when `stop` was set before (it is still being
+  /// written then), else the error for which it was given up. Once a ticket.
+  Result<WrittenSet> Wait(Ticket ticket, std::stop_token stop = {});
+  /// Gives up a set that cannot be written; its frames are lost. It stays when it is already being
+  /// written and that succeeds.
+  void Abandon(Ticket ticket);
+
+  size_t pending() const;
+  /// Why the oldest set cannot be written; unset while all is well.
+  std::optional<Trouble> trouble() const;
+
+ private:
+  struct Job;
+  void Run();
+  Result<WrittenSet> Write(const Job& job);
+
+  ThreadPool threads_;
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<Job> jobs_;
+  std::map<Ticket, Result<WrittenSet>> done_;
+  std::optional<Trouble> trouble_;
+  Ticket last_ticket_ = 0;
+  bool abandon_first_ = false;
+  bool quit_ = false;
+  std::thread thread_;
+};
+
+}  // namespace rotunda::rig

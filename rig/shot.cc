@@ -1,0 +1,114 @@
+#include "rig/shot.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace rotunda::rig {
+namespace {
+
+template <typename T>
+T MedianOf(std::vector<T> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+std::string Fixed(double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.1f", value);
+  return text;
+}
+
+}  // namespace
+
+const char* VerdictName(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kOk:
+      return "ok";
+    case Verdict::kDisconnected:
+      return "disconnected";
+    case Verdict::kWrongCamera:
+      return "wrong camera";
+    case Verdict::kControlLost:
+      return "control lost";
+    case Verdict::kNotArmed:
+      return "not armed";
+    case Verdict::kMissing:
+      return "missing";
+    case Verdict::kIncomplete:
+      return "incomplete";
+    case Verdict::kLate:
+      return "late";
+    case Verdict::kWrongPicture:
+      return "wrong picture";
+    case Verdict::kWrongId:
+      return "wrong id";
+    case Verdict::kSkewed:
+      return "skewed";
+    case Verdict::kSecondFrame:
+      return "second frame";
+  }
+  return "";
+}
+
+size_t Shot::OkCount() const {
+  return static_cast<size_t>(
+      std::count_if(cameras.begin(), cameras.end(),
+                    [](const CameraShot& each) { return each.verdict == Verdict::kOk; }));
+}
+
+uint64_t Shot::ResentPackets() const {
+  uint64_t sum = 0;
+  for (const CameraShot& each : cameras) sum += each.resent_packets;
+  return sum;
+}
+
+std::string Shot::Summary() const {
+  std::string text = std::to_string(OkCount()) + "/" + std::to_string(cameras.size()) + " ok";
+  const char* separator = "; ";
+  for (const CameraShot& each : cameras) {
+    if (each.verdict == Verdict::kOk) continue;
+    text += separator + each.camera + " " + VerdictName(each.verdict);
+    if (!each.reason.empty()) text += " (" + each.reason + ")";
+    separator = ", ";
+  }
+  return text;
+}
+
+void JudgeSkew(double limit_us, Shot& shot) {
+  std::vector<int64_t> times_ns;
+  for (const CameraShot& each : shot.cameras) {
+    if (each.exposed_ns) times_ns.push_back(*each.exposed_ns);
+  }
+  shot.skew = {};
+  if (times_ns.empty()) return;
+  const int64_t median_ns = MedianOf(std::move(times_ns));
+  std::vector<double> sizes_us;
+  for (CameraShot& each : shot.cameras) {
+    if (!each.exposed_ns) continue;
+    const double skew_us = 1e-3 * static_cast<double>(*each.exposed_ns - median_ns);
+    each.skew_us = skew_us;
+    sizes_us.push_back(std::abs(skew_us));
+    if (shot.skew.worst.empty() || std::abs(skew_us) > shot.skew.max_us) {
+      shot.skew.max_us = std::abs(skew_us);
+      shot.skew.worst = each.camera;
+    }
+    if (each.verdict == Verdict::kOk && std::abs(skew_us) > limit_us + each.clock_uncertainty_us) {
+      each.verdict = Verdict::kSkewed;
+      each.reason = Fixed(std::abs(skew_us)) + " us " + (skew_us > 0 ? "after" : "before") +
+                    " the others, allowed are " + Fixed(limit_us) + " us";
+    }
+  }
+  shot.skew.median_us = MedianOf(std::move(sizes_us));
+}
+
+bool FrameIdCheck::Accept(uint64_t id) {
+  // 16-bit ids go from 65535 to 1, which is accepted anyway.
+  const bool follows = id > last_ && id <= last_ + 1 + unseen_;
+  if (id != 1 && !follows) return false;
+  Begin(id);
+  return true;
+}
+
+}  // namespace rotunda::rig

@@ -1,0 +1,75 @@
+#include "rig/shot.h"
+
+#include <gtest/gtest.h>
+
+namespace rotunda::rig {
+namespace {
+
+Shot ShotOf(const std::vector<int64_t>& exposed_ns) {
+  Shot shot;
+  for (const int64_t time_ns : exposed_ns) {
+    CameraShot& camera = shot.cameras.emplace_back();
+    camera.camera = "c" + std::to_string(shot.cameras.size() - 1);
+    camera.verdict = Verdict::kOk;
+    camera.exposed_ns = time_ns;
+  }
+  return shot;
+}
+
+TEST(JudgeSkew, ComparesWithTheMedianAndNamesTheWorst) {
+  Shot shot = ShotOf({1'000'000, 1'010'000, 3'500'000, 990'000, 1'000'000});
+  JudgeSkew(1000, shot);
+  EXPECT_STREQ(VerdictName(shot.cameras[2].verdict), "skewed");
+  EXPECT_EQ(shot.cameras[2].reason, "2500.0 us after the others, allowed are 1000.0 us");
+  EXPECT_EQ(shot.OkCount(), 4u);
+  EXPECT_DOUBLE_EQ(shot.skew.max_us, 2500);
+  EXPECT_DOUBLE_EQ(shot.skew.median_us, 10);
+  EXPECT_EQ(shot.skew.worst, "c2");
+  EXPECT_DOUBLE_EQ(*shot.cameras[3].skew_us, -10);
+}
+
+TEST(JudgeSkew, BlamesNobodyForWhatItsClockDoesNotTell) {
+  Shot shot = ShotOf({0, 0, 1'200'000});
+  shot.cameras[2].clock_uncertainty_us = 300;
+  JudgeSkew(1000, shot);
+  EXPECT_EQ(shot.OkCount(), 3u);
+  shot = ShotOf({0, 0, 0});
+  for (CameraShot& camera : shot.cameras) camera.exposed_ns.reset();
+  JudgeSkew(1000, shot);
+  EXPECT_FALSE(shot.cameras[0].skew_us);
+  EXPECT_EQ(shot.skew.worst, "");
+}
+
+TEST(JudgeSkew, KeepsAnEarlierVerdict) {
+  Shot shot = ShotOf({0, 0, 9'000'000});
+  shot.cameras[2].verdict = Verdict::kLate;
+  JudgeSkew(1000, shot);
+  EXPECT_STREQ(VerdictName(shot.cameras[2].verdict), "late");
+}
+
+TEST(FrameIdCheck, TakesIdsThatRestartAndIdsThatCountOn) {
+  FrameIdCheck ids;
+  ids.Begin(7);
+  EXPECT_TRUE(ids.Accept(8));
+  EXPECT_FALSE(ids.Accept(8)) << "the frame of an earlier pulse";
+  EXPECT_FALSE(ids.Accept(10)) << "one was not seen";
+  ids.Miss();
+  EXPECT_TRUE(ids.Accept(10)) << "and it is known which";
+  EXPECT_TRUE(ids.Accept(1));
+  EXPECT_TRUE(ids.Accept(2));
+  ids.Begin(65535);
+  EXPECT_TRUE(ids.Accept(1)) << "16 bits go round without 0";
+}
+
+TEST(Shot, SaysWhoIsNotOkAndWhy) {
+  Shot shot = ShotOf({0, 0, 0});
+  EXPECT_EQ(shot.Summary(), "3/3 ok");
+  shot.cameras[1].verdict = Verdict::kMissing;
+  shot.cameras[1].reason = "trigger cable?";
+  shot.cameras[2].verdict = Verdict::kLate;
+  EXPECT_EQ(shot.Summary(), "1/3 ok; c1 missing (trigger cable?), c2 late");
+  EXPECT_FALSE(shot.complete());
+}
+
+}  // namespace
+}  // namespace rotunda::rig

@@ -1,0 +1,145 @@
+// `rotunda capture` and `rotunda cameras` with simulated cameras of another process.
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <string>
+#include <vector>
+
+#include "sfm/core/frame_set.h"
+#include "tests/support/process.h"
+#include "tests/support/served_cameras.h"
+#include "tests/support/small_frame_set.h"
+
+namespace rotunda {
+namespace {
+
+using test::ProcessOutcome;
+using test::RunProcess;
+using test::ServedCameras;
+using test::TemporaryFolder;
+using Json = nlohmann::json;
+
+bool Contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// Four small cameras and a configuration that fits them.
+class CaptureCommand : public testing::Test {
+ protected:
+  static constexpr char kBlock[] = "127.42.3";
+
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<TemporaryFolder>();
+    test::WriteSmallFrameSet(Served(), 4);
+    const auto set = ReadFrameSet(Served());
+    ASSERT_TRUE(set) << set.error().ToString();
+    std::ofstream(*folder_ / "lenses.json") << "{}";
+    std::ofstream config(*folder_ / "rig.toml");
+    config << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = 1500\nlate_ms = "
+              "300\npixel_format = \""
+           << set->frames.front().pixel_format << "\"\n[uplinks.u]\n";
+    for (size_t i = 0; i < set->frames.size(); ++i) {
+      config << "[cameras." << set->frames[i].camera << "]\nserial = \"" << set->frames[i].serial
+             << "\"\naddress = \"" << kBlock << '.' << i + 1 << "\"\n";
+    }
+    cameras_ =
+        std::make_unique<ServedCameras>(ServedCameras::Options{ROTUNDA_COMMAND, Served(), kBlock});
+  }
+  static void TearDownTestSuite() {
+    cameras_.reset();
+    folder_.reset();
+  }
+  void TearDown() override { cameras_->Send({"clear"}); }
+
+  static std::filesystem::path Served() { return *folder_ / "served"; }
+  static ProcessOutcome Run(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), ROTUNDA_COMMAND);
+    return RunProcess(arguments);
+  }
+  static ProcessOutcome Capture(const std::string& out, std::vector<std::string> more = {}) {
+    std::vector<std::string> arguments = {
+        "capture",          "--rig", *folder_ / "rig.toml", "--simulated",
+        cameras_->socket(), "--out", *folder_ / out};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return Run(arguments);
+  }
+
+  static inline std::unique_ptr<TemporaryFolder> folder_;
+  static inline std::unique_ptr<ServedCameras> cameras_;
+};
+
+TEST_F(CaptureCommand, WritesThePicturesThatTheCamerasWereGiven) {
+  const ProcessOutcome shot =
+      Capture("shot", {"--subject", "dummy", "--calibration", *folder_ / "lenses.json"});
+  ASSERT_EQ(shot.exit_code, 0) << shot.errors;
+  EXPECT_TRUE(Contains(shot.output, "4/4 ok")) << shot.output;
+  const auto served = ReadFrameSet(Served());
+  const auto taken = ReadFrameSet(*folder_ / "shot");
+  ASSERT_TRUE(taken) << taken.error().ToString();
+  EXPECT_EQ(taken->subject, "dummy");
+  EXPECT_EQ(taken->trigger.at("complete"), TriggerValue(true));
+  EXPECT_TRUE(std::filesystem::exists(taken->folder / "calibration.json"));
+  ASSERT_EQ(taken->frames.size(), served->frames.size());
+  for (size_t i = 0; i < taken->frames.size(); ++i) {
+    EXPECT_EQ(taken->frames[i].camera, served->frames[i].camera);
+    EXPECT_EQ(taken->frames[i].serial, served->frames[i].serial);
+    EXPECT_EQ(taken->frames[i].status, "ok");
+    const cv::Mat a = cv::imread(served->folder / served->frames[i].file, cv::IMREAD_UNCHANGED);
+    const cv::Mat b = cv::imread(taken->folder / taken->frames[i].file, cv::IMREAD_UNCHANGED);
+    // Served in the frame set's own format: nothing is converted on the way.
+    ASSERT_EQ(served->frames[i].pixel_format, taken->frames[i].pixel_format);
+    ASSERT_EQ(a.size(), b.size());
+    EXPECT_EQ(cv::norm(a, b, cv::NORM_L1), 0);
+  }
+}
+
+TEST_F(CaptureCommand, AnIncompleteShotIsWrittenAndSaysSo) {
+  ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".2", "mute"}).exit_code, 0);
+  const ProcessOutcome shot = Capture("muted", {"--json"});
+  EXPECT_EQ(shot.exit_code, 1);
+  EXPECT_TRUE(Contains(shot.errors, "the set is written, but incomplete")) << shot.errors;
+  EXPECT_TRUE(Contains(shot.errors, "trigger cable")) << shot.errors;
+  const Json told = Json::parse(shot.output);
+  EXPECT_EQ(told.at("ok"), 3);
+  EXPECT_EQ(told.at("of"), 4);
+  EXPECT_EQ(told.at("pulses"), 2) << "it was tried again";
+  EXPECT_EQ(told.at("cameras").at(1).at("verdict"), "missing");
+  const auto set = ReadFrameSet(*folder_ / "muted");
+  ASSERT_TRUE(set) << set.error().ToString();
+  EXPECT_EQ(set->frames[1].status, "missing");
+}
+
+TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
+  const ProcessOutcome all = Run({"cameras", "--rig", *folder_ / "rig.toml", "--json"});
+  ASSERT_EQ(all.exit_code, 0) << all.errors;
+  const Json cameras = Json::parse(all.output).at("cameras");
+  ASSERT_EQ(cameras.size(), 4u);
+  EXPECT_EQ(cameras[0].at("condition"), "ready");
+  EXPECT_EQ(cameras[0].at("address"), std::string(kBlock) + ".1");
+  EXPECT_EQ(cameras[0].at("control_held"), true);
+  ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".3", "unplug"}).exit_code, 0);
+  const ProcessOutcome less = Run({"cameras", "--rig", *folder_ / "rig.toml"});
+  EXPECT_EQ(less.exit_code, 1);
+  EXPECT_TRUE(Contains(less.errors, "3 of 4 are ready")) << less.errors;
+  EXPECT_TRUE(Contains(less.output, "no camera answers")) << less.output;
+}
+
+TEST_F(CaptureCommand, WrongUsageIsRefused) {
+  EXPECT_EQ(Run({"capture"}).exit_code, 2);
+  EXPECT_EQ(Run({"capture", "--rig", "/nonexistent", "--out", *folder_ / "x"}).exit_code, 1);
+  const ProcessOutcome nobody = Run({"capture", "--rig", *folder_ / "rig.toml", "--out",
+                                     *folder_ / "x", "--simulated", *folder_ / "nobody.sock"});
+  EXPECT_EQ(nobody.exit_code, 1);
+  EXPECT_TRUE(Contains(nobody.errors, "no simulator listens there")) << nobody.errors;
+  const ProcessOutcome taken = Capture("served");
+  EXPECT_EQ(taken.exit_code, 1);
+  EXPECT_TRUE(Contains(taken.errors, "not empty")) << taken.errors;
+}
+
+}  // namespace
+}  // namespace rotunda

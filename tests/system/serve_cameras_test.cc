@@ -1,0 +1,93 @@
+// The real command as a rig of cameras, used by Aravis' own tool.
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "tests/support/process.h"
+#include "tests/support/served_cameras.h"
+#include "tests/support/small_frame_set.h"
+
+namespace rotunda {
+namespace {
+
+using test::ProcessOutcome;
+using test::RunProcess;
+using test::ServedCameras;
+using test::TemporaryFolder;
+
+ProcessOutcome Simulate(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), {ROTUNDA_COMMAND, "simulate"});
+  return RunProcess(arguments);
+}
+
+bool Contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// Three small cameras.
+class ServeCameras : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<TemporaryFolder>();
+    test::WriteSmallFrameSet(*folder_ / "set", 3);
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+  static ServedCameras::Options At(const std::string& block) {
+    return {ROTUNDA_COMMAND, *folder_ / "set", block};
+  }
+  static inline std::unique_ptr<TemporaryFolder> folder_;
+};
+
+TEST_F(ServeCameras, TakeCommandsUntilTheyAreEnded) {
+  ServedCameras served(At("127.42.1"));
+  EXPECT_TRUE(Contains(served.Send({"pulse"}).output, "edge_ns "));
+  EXPECT_EQ(served.Send({"fault", "all", "drop", "0.05"}).output, "3 cameras\n");
+  const ProcessOutcome wrong = served.Send({"fault", "all", "explode"});
+  EXPECT_EQ(wrong.exit_code, 1);
+  EXPECT_TRUE(Contains(wrong.errors, "expected one of drop, no-resend")) << wrong.errors;
+  EXPECT_TRUE(Contains(served.Send({"list"}).output, "127.42.1.3 "));
+  EXPECT_TRUE(std::filesystem::exists(served.socket()));
+  const ProcessOutcome& ended = served.End();
+  EXPECT_EQ(ended.exit_code, 0) << ended.errors;
+  EXPECT_TRUE(Contains(ended.output, "3 cameras at 127.42.1.1 to 127.42.1.3: 120x160 RGB8"))
+      << ended.output;
+  EXPECT_FALSE(std::filesystem::exists(served.socket()));
+  EXPECT_EQ(served.Send({"pulse"}).exit_code, 1);
+}
+
+TEST_F(ServeCameras, ArvToolListsAndReadsThem) {
+  const std::string tool = "arv-tool-0.8";
+  if (RunProcess({tool, "--help"}).exit_code != 0) {
+    GTEST_SKIP() << tool << " (package aravis-tools-cli) is not installed";
+  }
+  ServedCameras served(At("127.42.2"));
+  const ProcessOutcome list = RunProcess({tool});
+  for (const char* address : {"127.42.2.1", "127.42.2.2", "127.42.2.3"}) {
+    EXPECT_TRUE(Contains(list.output, std::string("Rotunda-SimulatedGigE-")) &&
+                Contains(list.output, "(" + std::string(address) + ")"))
+        << list.output;
+  }
+  const ProcessOutcome read = RunProcess({tool, "-a", "127.42.2.2", "control", "Width", "Height",
+                                          "PixelFormat", "TriggerSource", "DeviceTemperature"});
+  for (const char* line : {"Width = 120", "Height = 160", "PixelFormat = RGB8",
+                           "TriggerSource = Line0", "DeviceTemperature = "}) {
+    EXPECT_TRUE(Contains(read.output, line)) << read.output << read.errors;
+  }
+  const ProcessOutcome features = RunProcess({tool, "-a", "127.42.2.2", "features"});
+  EXPECT_TRUE(Contains(features.output, "'TriggerSoftware'")) << features.output;
+}
+
+TEST_F(ServeCameras, WrongUsageIsRefused) {
+  EXPECT_EQ(Simulate({}).exit_code, 2);
+  EXPECT_EQ(Simulate({"out", "--serve"}).exit_code, 2);
+  EXPECT_EQ(Simulate({"--serve", "--block", "10.0.0"}).exit_code, 2);
+  EXPECT_EQ(Simulate({"--serve", "--pixel-format", "Mono12"}).exit_code, 2);
+  EXPECT_EQ(Simulate({"--serve", "/nonexistent"}).exit_code, 1);
+}
+
+}  // namespace
+}  // namespace rotunda
