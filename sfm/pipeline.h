@@ -55,6 +55,8 @@ struct PipelineOptions {
   std::optional<std::filesystem::path> stages_folder;
   /// Products up to and including this one are read from `stages_folder` instead of being made.
   std::optional<Stage> start_from;
+  /// Of all stages that the method has, and whether the fields go together.
+  Status Validate() const;
 };
 
 struct PipelineResult {

@@ -155,6 +155,72 @@ Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& c
   return {};
 }
 
+void AddFiles(CLI::App* command, ReconstructArguments& arguments) {
+  command->add_option("FRAMESET", arguments.frameset, "Frame set, or folder of pictures")
+      ->required();
+  command
+      ->add_option("--out", arguments.out,
+                   "Folder to make, in one that exists; if it is there it must be empty")
+      ->type_name("DIR")
+      ->required();
+  command
+      ->add_option("--calibration", arguments.calibration,
+                   "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there")
+      ->type_name("FILE");
+}
+
+void AddMethodOptions(CLI::App* command, ReconstructArguments& arguments) {
+  AddChoice<sfm::Method>(
+      command, "--method", arguments.method,
+      "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
+      "plain: incremental SfM as it is",
+      {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
+  AddChoice<sfm::Preset>(
+      command, "--preset", arguments.preset,
+      "rig (default): the cameras surround the subject, and a result in which they "
+      "do not is unsure; internet: they may stand anywhere; literal: tc-sfm as "
+      "it was published, to compare with",
+      {{"rig", sfm::Preset::kRig},
+       {"internet", sfm::Preset::kInternet},
+       {"literal", sfm::Preset::kLiteral}});
+  command
+      ->add_option("--set", arguments.settings,
+                   "One option of the method by its name, for comparisons; a wrong name lists them")
+      ->type_name("NAME=VALUE");
+  AddChoice<sfm::PairSelection>(
+      command, "--pairs", arguments.pairs,
+      "Pairs to match: exhaustive (default), or neighbours = those whose calibrated views overlap "
+      "(faster, blind to swapped cameras)",
+      {{"exhaustive", sfm::PairSelection::kExhaustive},
+       {"neighbours", sfm::PairSelection::kNeighbours}});
+  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments.fix_intrinsics,
+                                       "Keep intrinsics (default when they are calibrated)");
+  command
+      ->add_flag("--refine-intrinsics", arguments.refine_intrinsics,
+                 "Refine focal length and distortion (default without a calibration)")
+      ->excludes(fix);
+}
+
+/// Where products in between come from and go to.
+void AddStageOptions(CLI::App* command, ReconstructArguments& arguments) {
+  command
+      ->add_option("--database", arguments.database,
+                   "Take keypoints and matches from this COLMAP database.db")
+      ->type_name("FILE");
+  CLI::Option* stages =
+      command
+          ->add_option("--stages", arguments.stages,
+                       "Folder to which features, matches, two-view geometries and, with "
+                       "--method plain, tracks are written")
+          ->type_name("DIR");
+  command
+      ->add_option("--start-from", arguments.start_from,
+                   "Read the products up to this one from --stages instead of making them; tracks "
+                   "only with --method plain")
+      ->check(CLI::IsMember({"features", "matches", "two-views", "tracks"}))
+      ->needs(stages);
+}
+
 }  // namespace
 
 void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
@@ -166,62 +232,9 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Done "
       "(exit status 0) also means that some cameras may be missing: see 'registered'.",
       "rotunda reconstruct captures/0042 --out captures/0042-poses");
-  command->add_option("FRAMESET", arguments->frameset, "Frame set, or folder of pictures")
-      ->required();
-  command
-      ->add_option("--out", arguments->out,
-                   "Folder to make, in one that exists; if it is there it must be empty")
-      ->type_name("DIR")
-      ->required();
-  command
-      ->add_option("--calibration", arguments->calibration,
-                   "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there")
-      ->type_name("FILE");
-  AddChoice<sfm::Method>(
-      command, "--method", arguments->method,
-      "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
-      "plain: incremental SfM as it is",
-      {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
-  AddChoice<sfm::Preset>(
-      command, "--preset", arguments->preset,
-      "rig (default): the cameras surround the subject, and a result in which they "
-      "do not is unsure; internet: they may stand anywhere; literal: tc-sfm as "
-      "it was published, to compare with",
-      {{"rig", sfm::Preset::kRig},
-       {"internet", sfm::Preset::kInternet},
-       {"literal", sfm::Preset::kLiteral}});
-  command
-      ->add_option("--set", arguments->settings,
-                   "One option of tc-sfm by its name, for comparisons; a wrong name lists them")
-      ->type_name("NAME=VALUE");
-  AddChoice<sfm::PairSelection>(
-      command, "--pairs", arguments->pairs,
-      "Pairs to match: exhaustive (default), or neighbours = those whose calibrated views overlap "
-      "(faster, blind to swapped cameras)",
-      {{"exhaustive", sfm::PairSelection::kExhaustive},
-       {"neighbours", sfm::PairSelection::kNeighbours}});
-  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments->fix_intrinsics,
-                                       "Keep intrinsics (default when they are calibrated)");
-  command
-      ->add_flag("--refine-intrinsics", arguments->refine_intrinsics,
-                 "Refine focal length and distortion (default without a calibration)")
-      ->excludes(fix);
-  command
-      ->add_option("--database", arguments->database,
-                   "Take keypoints and matches from this COLMAP database.db")
-      ->type_name("FILE");
-  CLI::Option* stages =
-      command
-          ->add_option("--stages", arguments->stages,
-                       "Folder to which features, matches, two-view geometries and, with "
-                       "--method plain, tracks are written")
-          ->type_name("DIR");
-  command
-      ->add_option("--start-from", arguments->start_from,
-                   "Read the products up to this one from --stages instead of making them; tracks "
-                   "only with --method plain")
-      ->check(CLI::IsMember({"features", "matches", "two-views", "tracks"}))
-      ->needs(stages);
+  AddFiles(command, *arguments);
+  AddMethodOptions(command, *arguments);
+  AddStageOptions(command, *arguments);
   AddSeed(command, arguments->seed, "Seed of all random sampling");
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
