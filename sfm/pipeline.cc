@@ -392,7 +392,7 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
   return Finish(run, std::move(front), std::move(built), incremental);
 }
 
-Status WriteResult(const PipelineResult& result, const std::optional<Calibration>& calibration,
+Status WriteResult(const PipelineResult& result, const CalibrationInForce& in_force,
                    const std::filesystem::path& folder, RunContext& context) {
   context.Report("report", 0, 1);
   const std::filesystem::path sparse = folder / "sparse" / "0";
@@ -403,8 +403,9 @@ Status WriteResult(const PipelineResult& result, const std::optional<Calibration
   ROTUNDA_RETURN_IF_ERROR(WriteColmapModel(result.reconstruction, result.features, result.set,
                                            sparse, ColmapEncoding::kBinary));
   ROTUNDA_RETURN_IF_ERROR(WritePly(result.reconstruction, folder / "points.ply"));
-  const ReportInput input{result.set,  result.poses,    result.reconstruction,
-                          calibration, result.features, result.segments};
+  const ReportInput input{result.set,           result.poses,    result.reconstruction,
+                          in_force.calibration, result.features, result.segments,
+                          in_force.page};
   ROTUNDA_ASSIGN_OR_RETURN(const std::string html, BuildReport(input, context));
   return WriteFileAtomically(folder / "report.html", html);
 }

@@ -290,6 +290,14 @@ std::string PicturesHtml(const ReportInput& input, const Facts& facts,
          StripHtml(input, facts, thumbnails, &Thumbnail::marked_jpeg) + "</section>\n";
 }
 
+/// A page within the page: its style and script are its own.
+std::string CalibrationHtml(const std::string& page) {
+  if (page.empty()) return "";
+  return "<section><div class=\"head\"><h2>Calibration</h2><p>the one these poses are compared "
+         "with</p></div><iframe class=\"page\" title=\"Calibration\" srcdoc=\"" +
+         Escaped(page) + "\"></iframe></section>\n";
+}
+
 std::string FooterHtml(const PoseSet& poses) {
   const auto item = [](const std::string& name, const std::string& value) {
     return "<div><dt>" + Escaped(name) + "</dt> <dd>" + Escaped(value) + "</dd></div>\n";
@@ -322,7 +330,8 @@ Result<std::string> BuildReport(const ReportInput& input, RunContext& context) {
           report::VerdictHtml(facts.shot) + report::VerdictHtml(facts.rig) + "</div>\n" +
           report::TilesHtml(input, facts) + report::ViewsHtml(input, facts) +
           report::BarsHtml(input, facts) + report::TableHtml(input, facts) +
-          report::PicturesHtml(input, facts, thumbnails) + "</main>\n" +
+          report::PicturesHtml(input, facts, thumbnails) +
+          report::CalibrationHtml(input.calibration_page) + "</main>\n" +
           report::FooterHtml(input.poses) + "<script>";
   html += report::Script();
   return html + "</script></body></html>\n";

@@ -33,17 +33,22 @@ struct ReconstructArguments {
 };
 
 /// --calibration, else the calibration that was in force when the set was taken, if it came with
-/// it.
-Result<std::optional<Calibration>> FindCalibration(const ReconstructArguments& arguments) {
+/// it; and the page that lies beside it.
+Result<sfm::CalibrationInForce> FindCalibration(const ReconstructArguments& arguments) {
+  sfm::CalibrationInForce in_force;
   std::error_code ignored;
   fs::path file = arguments.frameset / "calibration.json";
   if (arguments.calibration) {
     file = *arguments.calibration;
   } else if (!fs::exists(file, ignored)) {
-    return std::optional<Calibration>();
+    return in_force;
   }
-  ROTUNDA_ASSIGN_OR_RETURN(Calibration calibration, ReadCalibration(file));
-  return std::optional<Calibration>(std::move(calibration));
+  ROTUNDA_ASSIGN_OR_RETURN(in_force.calibration, ReadCalibration(file));
+  const fs::path page = file.replace_extension(".html");
+  if (fs::exists(page, ignored)) {
+    ROTUNDA_ASSIGN_OR_RETURN(in_force.page, ReadFile(page));
+  }
+  return in_force;
 }
 
 Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
@@ -128,8 +133,7 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
 
 Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& common) {
   ROTUNDA_ASSIGN_OR_RETURN(const FrameSet set, ReadFrameSet(arguments.frameset));
-  ROTUNDA_ASSIGN_OR_RETURN(const std::optional<Calibration> calibration,
-                           FindCalibration(arguments));
+  ROTUNDA_ASSIGN_OR_RETURN(const sfm::CalibrationInForce in_force, FindCalibration(arguments));
   ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineOptions options, MakeOptions(arguments));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
 
@@ -141,8 +145,8 @@ Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& c
                      },
                      arguments.seed};
   ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineResult result,
-                           sfm::RunPipeline(set, calibration, options, context));
-  ROTUNDA_RETURN_IF_ERROR(sfm::WriteResult(result, calibration, folder.path(), context));
+                           sfm::RunPipeline(set, in_force.calibration, options, context));
+  ROTUNDA_RETURN_IF_ERROR(sfm::WriteResult(result, in_force, folder.path(), context));
   if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
   ROTUNDA_RETURN_IF_ERROR(folder.Commit());
 
@@ -164,8 +168,10 @@ void AddFiles(CLI::App* command, ReconstructArguments& arguments) {
       ->type_name("DIR")
       ->required();
   command
-      ->add_option("--calibration", arguments.calibration,
-                   "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there")
+      ->add_option(
+          "--calibration", arguments.calibration,
+          "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there. Its "
+          "page (FILE with .html for .json) is shown in the report")
       ->type_name("FILE");
 }
 

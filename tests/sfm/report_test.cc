@@ -124,7 +124,7 @@ class ReportTest : public testing::Test {
   }
 
   ReportInput Input() const {
-    return {set_, poses_, reconstruction_, calibration_, features_, segments_};
+    return {set_, poses_, reconstruction_, calibration_, features_, segments_, calibration_page_};
   }
 
   std::string Build(int threads = 2) const {
@@ -141,6 +141,7 @@ class ReportTest : public testing::Test {
   Reconstruction reconstruction_;
   Features features_;
   std::optional<Segments> segments_;
+  std::string calibration_page_;
   std::optional<Calibration> calibration_;
 };
 
@@ -323,6 +324,14 @@ TEST_F(ReportTest, ShowsTheCommunitiesOverThePictures) {
   const std::string html = Build();
   EXPECT_NE(html.find("Communities of tracks"), std::string::npos);
   EXPECT_EQ(Count(html, "<img alt=\"" + poses_.cameras[0].camera + "\""), 2u);
+}
+
+TEST_F(ReportTest, ShowsThePageOfTheCalibration) {
+  EXPECT_EQ(Build().find("<iframe"), std::string::npos);
+  calibration_page_ = "<html lang=\"en\"><body>12 shots & 90 cameras</body></html>";
+  EXPECT_NE(Build().find("srcdoc=\"&lt;html lang=&quot;en&quot;&gt;&lt;body&gt;12 shots &amp; 90 "
+                         "cameras&lt;/body&gt;&lt;/html&gt;\""),
+            std::string::npos);
 }
 
 TEST_F(ReportTest, SaysWhichCameraHasMoved) {
