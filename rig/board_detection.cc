@@ -11,6 +11,7 @@
 
 #include "rig/marker_choice.h"
 #include "rig/plane_fit.h"
+#include "sfm/core/statistics.h"
 
 namespace rotunda::rig {
 namespace {
@@ -239,12 +240,6 @@ Result<std::string> WhyFewMarkers(const cv::Mat& grey, const Board& board,
                options.max_edge_width_px);
   }
   return std::string();
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 void FindCorners(const cv::Mat& grey, const Board& board, const BoardDetectionOptions& options,

@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "rig/rig_model.h"
+#include "sfm/core/statistics.h"
 
 namespace rotunda::rig {
 namespace {
@@ -72,9 +74,7 @@ Change ChangeOf(const Pair& pair, const Rigid3& before_from_after) {
 double MedianChiSquare(const std::vector<Pair>& pairs, const Rigid3& before_from_after) {
   std::vector<double> values;
   for (const Pair& pair : pairs) values.push_back(ChangeOf(pair, before_from_after).ChiSquare());
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return Median(std::move(values));
 }
 
 /// Each camera alone says how the rigs lie to each other: the one that most agree with.

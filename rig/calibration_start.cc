@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "rig/lens_start.h"
 #include "rig/pose_groups.h"
+#include "sfm/core/statistics.h"
 
 namespace rotunda::rig {
 namespace {
@@ -320,10 +322,7 @@ double NoiseScale(const RigModel& model, const BoardShape& shape,
       errors.push_back(residuals[i].norm() / view.corners[i].sigma_px);
     }
   }
-  if (errors.empty()) return 0;
-  const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-  std::nth_element(errors.begin(), middle, errors.end());
-  return *middle / kRayleighMedian;
+  return Median(std::move(errors)) / kRayleighMedian;
 }
 
 Result<CalibrationStart> StartCalibration(

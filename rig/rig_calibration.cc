@@ -357,6 +357,24 @@ Calibration AsCalibration(const RigCalibration& result, const BoardSightings& si
   return calibration;
 }
 
+/// The result in another frame.
+void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration) {
+  const Rigid3 rig_from_new = new_from_rig.Inverse();
+  for (auto& pose : calibration.model.cam_from_rig) {
+    if (pose) pose = *pose * rig_from_new;
+  }
+  for (auto& pose : calibration.model.rig_from_board) {
+    if (pose) pose = new_from_rig * *pose;
+  }
+  const Eigen::Matrix3d turn = new_from_rig.RotationMatrix();
+  for (auto& camera : calibration.uncertainty.cameras) {
+    if (!camera) continue;
+    Eigen::MatrixXd& covariance = camera->covariance;
+    covariance.middleRows<3>(3) = (turn * covariance.middleRows<3>(3)).eval();
+    covariance.middleCols<3>(3) = (covariance.middleCols<3>(3) * turn.transpose()).eval();
+  }
+}
+
 Status ChooseFrame(const BoardSightings& sightings, const RigCalibrationOptions& options,
                    RigCalibration& result) {
   if (options.frame_from == nullptr) {
@@ -383,23 +401,6 @@ Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>
   RigModel adjusted = model;
   ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, views, options, adjusted, context));
   return adjusted;
-}
-
-void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration) {
-  const Rigid3 rig_from_new = new_from_rig.Inverse();
-  for (auto& pose : calibration.model.cam_from_rig) {
-    if (pose) pose = *pose * rig_from_new;
-  }
-  for (auto& pose : calibration.model.rig_from_board) {
-    if (pose) pose = new_from_rig * *pose;
-  }
-  const Eigen::Matrix3d turn = new_from_rig.RotationMatrix();
-  for (auto& camera : calibration.uncertainty.cameras) {
-    if (!camera) continue;
-    Eigen::MatrixXd& covariance = camera->covariance;
-    covariance.middleRows<3>(3) = (turn * covariance.middleRows<3>(3)).eval();
-    covariance.middleCols<3>(3) = (covariance.middleCols<3>(3) * turn.transpose()).eval();
-  }
 }
 
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,

@@ -59,11 +59,8 @@ struct RigCalibration {
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
                                     const RigCalibrationOptions& options, RunContext& context);
 
-/// The result in another frame.
-void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration);
-
-/// Takes corners, one way of the adjustment that other parts repeat with a part of the corners:
-/// least squares from `model`.
+/// One least-squares adjustment from `model`: what cross-validation repeats with a part of the
+/// corners.
 Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>& views,
                           const FreeUnknowns& free, const RigModel& model, RunContext& context);
 

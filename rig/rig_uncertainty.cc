@@ -5,6 +5,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
+
+#include "sfm/core/statistics.h"
 
 namespace rotunda::rig {
 namespace {
@@ -166,9 +169,7 @@ double BoardDistance_m(const RigProblem& problem, const std::vector<FaceView>& v
          (model.faces[view.face].board_from_face * FaceMiddle(problem.board.faces[view.face])));
     depths.push_back(middle.z());
   }
-  if (depths.empty()) return 1;
-  std::sort(depths.begin(), depths.end());
-  return depths[depths.size() / 2];
+  return depths.empty() ? 1 : Median(std::move(depths));
 }
 
 CameraUncertainty Summarize(const CameraIntrinsics& intrinsics, const Rigid3& cam_from_rig,

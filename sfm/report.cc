@@ -2,9 +2,9 @@
 
 #include <algorithm>
 
+#include "sfm/core/html_text.h"
 #include "sfm/report_charts.h"
 #include "sfm/report_facts.h"
-#include "sfm/core/html_text.h"
 #include "sfm/report_style.h"
 #include "sfm/report_thumbnails.h"
 #include "sfm/report_views.h"

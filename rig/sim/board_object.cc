@@ -106,8 +106,10 @@ CalibratedFace DrawRealFace(const rig::BoardFace& face, double scale, Random& ra
   const double share = random.Uniform();
   const Eigen::Vector3d middle_m(0.5 * face.Width_m(), 0.5 * face.Height_m(), 0);
   const Rigid3 face_from_moved{turn, middle_m + shift_m - turn * middle_m};
-  return {face.name, face.board_from_face * face_from_moved,
-          Eigen::Vector2d(share * bow_m, (1 - share) * bow_m), {}};
+  return {face.name,
+          face.board_from_face * face_from_moved,
+          Eigen::Vector2d(share * bow_m, (1 - share) * bow_m),
+          {}};
 }
 
 }  // namespace
