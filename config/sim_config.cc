@@ -50,29 +50,9 @@ Result<sim::RigOptions> ParseRigOptions(const std::string& text, const std::stri
   return options;
 }
 
-Result<sim::CuboidOptions> ParseCuboidOptions(const std::string& text, const std::string& source) {
-  ROTUNDA_ASSIGN_OR_RETURN(const TomlFile file, TomlFile::Parse(text, source));
-  sim::CuboidOptions options;
-  ROTUNDA_RETURN_IF_ERROR(file.Read({
-      {"cuboid",
-       {{"columns", &options.columns},
-        {"rows", &options.rows},
-        {"square_mm", &options.square_mm},
-        {"marker_mm", &options.marker_mm},
-        {"margin_mm", &options.margin_mm}}},
-  }));
-  if (Status status = options.Validate(); !status) return file.Located(status.error());
-  return options;
-}
-
 Result<sim::RigOptions> ReadRigOptions(const std::filesystem::path& file) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::string text, ReadFile(file));
   return ParseRigOptions(text, file.string());
-}
-
-Result<sim::CuboidOptions> ReadCuboidOptions(const std::filesystem::path& file) {
-  ROTUNDA_ASSIGN_OR_RETURN(const std::string text, ReadFile(file));
-  return ParseCuboidOptions(text, file.string());
 }
 
 }  // namespace rotunda::config

@@ -2,6 +2,7 @@
 
 #include <toml++/toml.h>
 
+#include <Eigen/Core>
 #include <functional>
 #include <string>
 #include <string_view>
@@ -15,11 +16,12 @@ namespace rotunda::config {
 /// One key of a table and where its value goes.
 struct Field {
   std::string_view key;
-  std::variant<int*, double*, bool*, std::string*> target;
+  std::variant<int*, double*, bool*, std::string*, Eigen::Vector3d*> target;
 };
 
+/// A table; "face[1]" is the second of the list of tables [[face]].
 struct Section {
-  std::string_view name;
+  std::string name;
   std::vector<Field> fields = {};
   /// For a table of tables ([cameras.c00r0], [cameras.c00r1], ...): the fields of the one with this
   /// name. `fields` is empty then.
@@ -31,20 +33,28 @@ class TomlFile {
  public:
   static Result<TomlFile> Parse(const std::string& text, const std::string& source);
 
+  /// How many tables the list [[name]] has; 0 when it is not there.
+  size_t Count(const std::string& name) const;
+  /// Whether the file gives "table.key" or "table".
+  bool Has(const std::string& path) const;
+
   /// Fills in what the file gives. Any other table or key is refused.
   Status Read(const std::vector<Section>& sections) const;
 
-  /// The error of a Validate() whose context is "table.key", with the line the key is on.
+  /// The error of a Validate() whose context is "table.key", with the line the key is on, or else
+  /// that of its table.
   Error Located(const Error& error) const;
 
  private:
   TomlFile(toml::table table, std::string source)
       : table_(std::move(table)), source_(std::move(source)) {}
   Error At(const toml::node& node, const std::string& key, const std::string& message) const;
+  Status ReadNode(const std::string& name, const toml::node& node,
+                  const std::vector<Section>& sections) const;
   Status ReadEach(const toml::table& table, const Section& section) const;
-  Status ReadFields(const toml::table& table, const std::string& name,
+  Status ReadFields(const toml::table& table, const std::string& table_name,
                     const std::vector<Field>& fields) const;
-  Status ReadValue(const toml::node& node, const std::string& name, const Field& field) const;
+  Status ReadField(const toml::node& node, const std::string& name, const Field& field) const;
 
   toml::table table_;
   std::string source_;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "sfm/core/run_context.h"
 #include "sfm/features.h"
 #include "sfm/reconstruction.h"
 #include "sfm/two_view.h"
@@ -17,6 +18,7 @@ struct AgreeingMatchesOptions {
 /// it that they join what looks alike or that the model is wrong. Panoramic pairs and pairs with an
 /// image outside the model are left out, too.
 TwoViews AgreeingMatches(const Reconstruction& model, const Features& features,
-                         const TwoViews& two_views, const AgreeingMatchesOptions& options);
+                         const TwoViews& two_views, const AgreeingMatchesOptions& options,
+                         RunContext& context);
 
 }  // namespace rotunda::sfm

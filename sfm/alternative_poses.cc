@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <set>
 
 #include "sfm/absolute_pose.h"
 #include "sfm/model_links.h"
@@ -49,7 +48,6 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
                                         const AlternativeOptions& options, uint64_t seed) {
   const CameraIntrinsics& lens = model.intrinsics.of(image);
   AbsolutePoseInput input;
-  std::vector<KeypointId> keypoints;
   input.focal_px = lens.MeanFocal_px();
   for (const Tie& tie : ties) {
     const Keypoint& k = features.image(image).keypoints[tie.keypoint.index()];
@@ -57,7 +55,6 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
     if (!ray) continue;
     input.normalized.push_back(*ray);
     input.points.push_back(model.points[tie.point].position);
-    keypoints.push_back(tie.keypoint);
   }
   if (input.points.size() < options.min_inliers) return std::nullopt;
   AbsolutePoseOptions pose_options;
@@ -69,9 +66,7 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
   if (RotationAngle_rad(pose->cam_from_model.rotation, own) < options.min_rotation_rad) {
     return std::nullopt;
   }
-  std::set<KeypointId> fitting;
-  for (const size_t i : pose->inliers) fitting.insert(keypoints[i]);
-  return AlternativePose{image, pose->cam_from_model, fitting.size()};
+  return AlternativePose{image, pose->cam_from_model};
 }
 
 double EvidenceAgainst(const std::vector<MeetingCount>& regions) {

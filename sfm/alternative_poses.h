@@ -18,7 +18,6 @@ namespace rotunda::sfm {
 struct AlternativePose {
   ImageId image;
   Rigid3 cam_from_model;
-  size_t inliers = 0;  // keypoints of the image that fit there
   /// Log-likelihood (natural) by which what the image misses there exceeds what it misses where the
   /// model has it; about 0: nothing tells, negative: the image is on the wrong side.
   double evidence_against = 0;

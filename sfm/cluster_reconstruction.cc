@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <atomic>
 #include <iterator>
-#include <map>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "sfm/tracks.h"
@@ -62,28 +62,19 @@ Result<IncrementalResult> Reconstruct(const IncrementalInput& input, const TwoVi
 /// One result a cluster; nullopt: cancelled before it began.
 using ClusterResults = std::vector<std::optional<Result<IncrementalResult>>>;
 
-/// Images in no model: what the largest cluster they are in says of them.
-std::vector<UnregisteredImage> LeftOut(size_t images, const ClusterReconstructions& result,
-                                       const ClusterResults& reconstructed) {
-  std::vector<std::string> reasons(images, "is related to no part of the scene");
-  for (size_t c = result.clusters.size(); c-- > 0;) {
-    std::map<ImageId, std::string> said;
-    if (*reconstructed[c]) {
-      for (const UnregisteredImage& u : (*reconstructed[c])->unregistered) said[u.image] = u.reason;
-    }
-    for (const ImageId image : result.clusters[c].images) {
-      const auto own = said.find(image);
-      reasons[image.index()] = own != said.end() ? own->second : result.failures[c];
-    }
+/// The models of all clusters; an error when there are none.
+Result<std::vector<Reconstruction>> ModelsOf(ClusterResults reconstructed) {
+  std::vector<Reconstruction> models;
+  std::string reason = "no picture is related to any part of the scene";
+  for (size_t c = reconstructed.size(); c-- > 0;) {
+    if (!*reconstructed[c]) reason = reconstructed[c]->error().message;
   }
-  std::vector<UnregisteredImage> left_out;
-  for (size_t i = 0; i < images; ++i) {
-    const bool placed =
-        std::any_of(result.models.begin(), result.models.end(),
-                    [&](const Reconstruction& model) { return model.Registered(ImageId(i)); });
-    if (!placed) left_out.push_back({ImageId(i), reasons[i]});
+  for (std::optional<Result<IncrementalResult>>& own : reconstructed) {
+    if (!*own) continue;
+    std::move((*own)->models.begin(), (*own)->models.end(), std::back_inserter(models));
   }
-  return left_out;
+  if (!models.empty()) return models;
+  return Error{ErrorCode::kFailed, "no cluster of pictures gives a model: " + reason, kStage};
 }
 
 }  // namespace
@@ -129,22 +120,18 @@ TwoViews MatchesWithinParts(const IncrementalInput& input, const Correction& cor
   return result;
 }
 
-Result<ClusterReconstructions> BuildClusterReconstructions(const IncrementalInput& input,
-                                                           const Correction& correction,
-                                                           const ClusterOptions& options,
-                                                           const IncrementalOptions& incremental,
-                                                           RunContext& context) {
+Result<std::vector<Reconstruction>> BuildClusterReconstructions(
+    const IncrementalInput& input, const Correction& correction, const ClusterOptions& options,
+    const IncrementalOptions& incremental, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
   ROTUNDA_RETURN_IF_ERROR(incremental.Validate());
-  ClusterReconstructions result;
-  result.clusters = BuildClusters(correction, options);
-  const size_t count = result.clusters.size();
+  const std::vector<ImageCluster> clusters = BuildClusters(correction, options);
+  const size_t count = clusters.size();
   ClusterResults reconstructed(count);
   std::atomic<size_t> done = 0;
   const auto reconstruct = [&](size_t c) {
     RunContext own{context.threads, context.stop, nullptr, DeriveSeed(context.seed, c)};
-    const TwoViews matches =
-        MatchesWithinParts(input, correction, result.clusters[c].images, options);
+    const TwoViews matches = MatchesWithinParts(input, correction, clusters[c].images, options);
     reconstructed[c] = Reconstruct(input, matches, incremental, own);
     context.Report(kStage, ++done, count);
   };
@@ -155,17 +142,7 @@ Result<ClusterReconstructions> BuildClusterReconstructions(const IncrementalInpu
     context.threads.ParallelFor(count, reconstruct, context.stop);
   }
   if (context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
-  for (size_t c = 0; c < count; ++c) {
-    Result<IncrementalResult>& own = *reconstructed[c];
-    result.failures.push_back(own ? "" : own.error().message);
-    if (!own) continue;
-    for (Reconstruction& model : own->models) {
-      result.models.push_back(std::move(model));
-      result.cluster_of_model.push_back(c);
-    }
-  }
-  result.left_out = LeftOut(input.features.images.size(), result, reconstructed);
-  return result;
+  return ModelsOf(std::move(reconstructed));
 }
 
 }  // namespace rotunda::sfm

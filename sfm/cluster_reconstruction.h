@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include "sfm/core/ids.h"
@@ -36,22 +35,12 @@ std::vector<ImageCluster> BuildClusters(const Correction& correction,
 TwoViews MatchesWithinParts(const IncrementalInput& input, const Correction& correction,
                             const std::vector<ImageId>& images, const ClusterOptions& options);
 
-struct ClusterReconstructions {
-  std::vector<ImageCluster> clusters;
-  std::vector<Reconstruction> models;       // by cluster, then most images first
-  std::vector<size_t> cluster_of_model;     // parallel to models
-  std::vector<std::string> failures;        // by cluster: why it gave no model; empty when it did
-  std::vector<UnregisteredImage> left_out;  // in no model, with the reason; by image
-};
-
 /// TC-SfM III-C, end: every cluster by incremental structure from motion on tracks of its own that
-/// never join two parts. Unlike the models of one BuildReconstructions, models of different
-/// clusters may have images in common. A cluster that gives no model is not an error.
-/// Clusters run side by side.
-Result<ClusterReconstructions> BuildClusterReconstructions(const IncrementalInput& input,
-                                                           const Correction& correction,
-                                                           const ClusterOptions& options,
-                                                           const IncrementalOptions& incremental,
-                                                           RunContext& context);
+/// never join two parts. Models by cluster, then most images first; unlike those of one
+/// BuildReconstructions, models of different clusters may have images in common. A cluster that
+/// gives no model is not an error, none at all is one (kFailed). Clusters run side by side.
+Result<std::vector<Reconstruction>> BuildClusterReconstructions(
+    const IncrementalInput& input, const Correction& correction, const ClusterOptions& options,
+    const IncrementalOptions& incremental, RunContext& context);
 
 }  // namespace rotunda::sfm

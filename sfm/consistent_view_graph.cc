@@ -6,8 +6,6 @@
 #include <limits>
 #include <string>
 
-#include "sfm/disjoint_sets.h"
-
 namespace rotunda::sfm {
 namespace {
 
@@ -220,33 +218,10 @@ Rotations Average(const ViewGraph& graph, const TwoViews& two_views, Rotations r
   return rotations;
 }
 
-double LightestWeight(const ViewGraph& graph, const std::vector<size_t>& edges) {
-  double lightest = std::numeric_limits<double>::infinity();
-  for (const size_t e : edges) lightest = std::min(lightest, graph.edges[e].weight);
-  return lightest;
-}
-
-double HeaviestContradiction(const ViewGraph& graph, const std::vector<double>& residuals_rad,
-                             double far_rad) {
-  double heaviest = 0;
-  for (size_t e = 0; e < graph.edges.size(); ++e) {
-    if (residuals_rad[e] > far_rad) heaviest = std::max(heaviest, graph.edges[e].weight);
-  }
-  return heaviest;
-}
-
-/// Sure are those that agree and are heavy enough, and the heaviest of the others that agree as
-/// long as they join parts that the sure ones leave apart.
-std::vector<EdgeVerdict> Judge(const ViewGraph& graph, const std::vector<double>& residuals_rad,
-                               double agree_rad, double min_sure_weight) {
-  std::vector<EdgeVerdict> verdicts(graph.edges.size(), EdgeVerdict::kRejected);
-  DisjointSets sets(graph.images);
-  for (const size_t e : EdgesByWeight(graph)) {
-    if (!(residuals_rad[e] <= agree_rad)) continue;
-    const ImagePair& pair = graph.edges[e].pair;
-    const bool joins = sets.Unite(pair.first.index(), pair.second.index());
-    const bool heavy = graph.edges[e].weight >= min_sure_weight;
-    verdicts[e] = joins || heavy ? EdgeVerdict::kSure : EdgeVerdict::kWeak;
+std::vector<EdgeVerdict> Judge(const std::vector<double>& residuals_rad, double agree_rad) {
+  std::vector<EdgeVerdict> verdicts;
+  for (const double residual_rad : residuals_rad) {
+    verdicts.push_back(residual_rad <= agree_rad ? EdgeVerdict::kAgrees : EdgeVerdict::kRejected);
   }
   return verdicts;
 }
@@ -261,11 +236,6 @@ Status ConsistencyOptions::Validate() const {
   if (!(agree_rad > 0)) return bad("agree_rad", agree_rad, "> 0");
   if (!(off_rad >= agree_rad)) return bad("off_rad", off_rad, ">= agree_rad");
   if (!(far_rad >= off_rad)) return bad("far_rad", far_rad, ">= off_rad");
-  if (!(trusted_margin > 0)) return bad("trusted_margin", trusted_margin, "> 0");
-  if (!(least_sure_weight >= 0)) return bad("least_sure_weight", least_sure_weight, ">= 0");
-  if (!(most_sure_weight >= least_sure_weight)) {
-    return bad("most_sure_weight", most_sure_weight, ">= least_sure_weight");
-  }
   return {};
 }
 
@@ -274,35 +244,19 @@ Result<ConsistentViewGraph> BuildConsistentViewGraph(const ViewGraph& graph,
                                                      const ConsistencyOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
   const ViewGraph voting = VotingEdges(graph, two_views);
-  const std::vector<size_t> tree = MaximumSpanningTree(voting);
   Rotations rotations = RotationForest(voting, two_views, options.off_rad).Grow();
-
-  ConsistentViewGraph consistent;
-  const double contradiction =
-      HeaviestContradiction(voting, Residuals_rad(voting, two_views, rotations), options.far_rad);
-  const double lightest = LightestWeight(voting, tree);
-  consistent.margin =
-      contradiction > 0 ? lightest / contradiction : std::numeric_limits<double>::infinity();
-  consistent.trusted = consistent.margin >= options.trusted_margin;
-  consistent.min_sure_weight =
-      std::clamp(contradiction, options.least_sure_weight, options.most_sure_weight);
-
   rotations = Average(voting, two_views, std::move(rotations), options.far_rad);
   rotations = Average(voting, two_views, std::move(rotations), options.off_rad);
-  consistent.verdicts = Judge(graph, Residuals_rad(graph, two_views, rotations), options.agree_rad,
-                              consistent.min_sure_weight);
+  ConsistentViewGraph consistent;
+  consistent.verdicts = Judge(Residuals_rad(graph, two_views, rotations), options.agree_rad);
   consistent.cam_from_world = std::move(rotations);
   return consistent;
 }
 
-ViewGraph EdgesThatAgree(const ViewGraph& graph, const ConsistentViewGraph& consistent,
-                         EdgeVerdict least) {
+ViewGraph EdgesThatAgree(const ViewGraph& graph, const ConsistentViewGraph& consistent) {
   ViewGraph agreeing{graph.images, {}};
   for (size_t e = 0; e < graph.edges.size(); ++e) {
-    const EdgeVerdict verdict = consistent.verdicts[e];
-    if (verdict == EdgeVerdict::kSure || verdict == least) {
-      agreeing.edges.push_back(graph.edges[e]);
-    }
+    if (consistent.verdicts[e] == EdgeVerdict::kAgrees) agreeing.edges.push_back(graph.edges[e]);
   }
   return agreeing;
 }

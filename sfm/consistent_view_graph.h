@@ -13,8 +13,7 @@ namespace rotunda::sfm {
 
 /// What the view graph as a whole says of one of its edges.
 enum class EdgeVerdict {
-  kSure,      // agrees with the graph and is heavier than anything that contradicts it
-  kWeak,      // agrees, but is too light to be believed before the poses are known
+  kAgrees,
   kRejected,  // contradicts the graph: joins parts that look alike
 };
 
@@ -23,22 +22,12 @@ struct ConsistentViewGraph {
   std::vector<EdgeVerdict> verdicts;  // parallel to ViewGraph::edges
   /// By ImageId, in a frame of each connected component's own; nullopt: image without an edge.
   std::vector<std::optional<Eigen::Quaterniond>> cam_from_world;
-  /// Lightest edge of the maximum spanning tree / heaviest edge far off the rotations; infinite
-  /// when nothing contradicts them. Below `trusted_margin` the graph alone does not tell look-alike
-  /// sides apart.
-  double margin = 0;
-  bool trusted = false;
-  double min_sure_weight = 0;  // the adaptive tau_w
 };
 
 struct ConsistencyOptions {
   double far_rad = RadFromDeg(30.0);   // off the joined rotations: dropped before any averaging
   double off_rad = RadFromDeg(15.0);   // off the first average: dropped before the second
   double agree_rad = RadFromDeg(8.0);  // of the second average: kept
-  double trusted_margin = 1.2;
-  /// Edges are sure from the heaviest contradicting edge on, but never above or below these.
-  double least_sure_weight = 0.05;
-  double most_sure_weight = 0.2;
   Status Validate() const;
 };
 
@@ -46,13 +35,11 @@ struct ConsistencyOptions {
 /// consensus of all edges between them, then robust averaging (IRLS with L1/2 weights; Chatterjee &
 /// Govindu, PAMI 2018) of the edges that are not far off. Heavy edges come first because crossed
 /// pairs tend to be light, although many: a consensus of all edges folds. Panoramic
-/// pairs have no part in it. Edges that hold the sure part together stay sure however light.
+/// pairs have no part in it.
 Result<ConsistentViewGraph> BuildConsistentViewGraph(const ViewGraph& graph,
                                                      const TwoViews& two_views,
                                                      const ConsistencyOptions& options);
 
-/// The edges with one of the verdicts from `least` on (kSure; kWeak: both that agree).
-ViewGraph EdgesThatAgree(const ViewGraph& graph, const ConsistentViewGraph& consistent,
-                         EdgeVerdict least);
+ViewGraph EdgesThatAgree(const ViewGraph& graph, const ConsistentViewGraph& consistent);
 
 }  // namespace rotunda::sfm

@@ -19,7 +19,7 @@ constexpr Eigen::Index kGaugeSize = 7;
 /// if not the same corner at two scales: their errors are alike. Measured on rendered captures:
 /// correlation 0.3 to 0.4 within 0.4 %, 0.02 up to 2 %, under 0.01 beyond.
 constexpr double kAlikeWithin = 0.02;
-/// Weighted residuals are cut off here, so that a few gross ones do not make the correlation.
+/// Standard deviations at which residuals are cut off before they are correlated.
 constexpr double kCut = 3.0;
 
 /// Where each pose and lens stands among the unknowns that remain once the points are eliminated.
@@ -240,13 +240,38 @@ Result<Eigen::MatrixXd> ConstrainedInverse(const Eigen::MatrixXd& normal, const 
   return covariance;
 }
 
+/// One observation's error: in standard deviations of its keypoint over kCut, cut off at length 1,
+/// so that a few gross ones do not make the correlation.
 struct PlacedResidual {
   Eigen::Vector2d pixel;
-  Eigen::Vector2d residual;  // weighted
+  Eigen::Vector2d residual;
 };
 
-/// Sum over all pairs of residuals of one picture, each with itself too, that are within
-/// `reach_px`.
+/// By ImageId.
+std::vector<std::vector<PlacedResidual>> ResidualsByImage(const Reconstruction& reconstruction,
+                                                          const Features& features, double sigma0) {
+  std::vector<std::vector<PlacedResidual>> residuals(reconstruction.cam_from_model.size());
+  for (const Point3& point : reconstruction.points) {
+    for (const Observation& observation : point.observations) {
+      const size_t image = observation.image.index();
+      const auto& pose = reconstruction.cam_from_model[image];
+      if (!pose) continue;
+      const auto projected =
+          reconstruction.intrinsics.of(observation.image).Project(*pose * point.position);
+      if (!projected) continue;
+      const Keypoint& keypoint =
+          features.image(observation.image).keypoints[observation.keypoint.index()];
+      const Eigen::Vector2d pixel(keypoint.x_px, keypoint.y_px);
+      const Eigen::Vector2d residual =
+          (*projected - pixel) / (KeypointSigma_px(keypoint) * kCut * sigma0);
+      residuals[image].push_back({pixel, residual / std::max(1.0, residual.norm())});
+    }
+  }
+  return residuals;
+}
+
+/// Sum of the products of all ordered pairs of residuals of one picture that are within `reach_px`,
+/// each with itself too.
 double SumOfNearProducts(std::vector<PlacedResidual> residuals, double reach_px) {
   std::sort(residuals.begin(), residuals.end(),
             [](const PlacedResidual& a, const PlacedResidual& b) {
@@ -264,35 +289,19 @@ double SumOfNearProducts(std::vector<PlacedResidual> residuals, double reach_px)
   return sum;
 }
 
-/// By how much the variance exceeds that of independent errors, >= 1: sum of the correlations of
-/// one error with its neighbours (the effective sample size of spatial statistics; Clifford,
-/// Richardson & Hemon 1989).
+/// By how much the variance exceeds that of independent errors, >= 1: the sum of the correlations
+/// of one error with itself (1) and its neighbours, sum over near pairs of e_i . e_j / sum over all
+/// of e_i . e_i (the effective sample size of spatial statistics; Clifford, Richardson & Hemon
+/// 1989).
 double CorrelationInflation(const Reconstruction& reconstruction, const Features& features,
                             double sigma0) {
-  std::vector<std::vector<PlacedResidual>> of_image(reconstruction.cam_from_model.size());
-  for (const Point3& point : reconstruction.points) {
-    for (const Observation& observation : point.observations) {
-      const size_t image = observation.image.index();
-      const auto& pose = reconstruction.cam_from_model[image];
-      if (!pose) continue;
-      const CameraIntrinsics& lens =
-          reconstruction.intrinsics.lenses[reconstruction.intrinsics.lens_of_image[image]];
-      const auto projected = lens.Project(*pose * point.position);
-      if (!projected) continue;
-      const Keypoint& keypoint =
-          features.image(observation.image).keypoints[observation.keypoint.index()];
-      const Eigen::Vector2d pixel(keypoint.x_px, keypoint.y_px);
-      const Eigen::Vector2d residual =
-          (*projected - pixel) / (KeypointSigma_px(keypoint) * kCut * sigma0);
-      of_image[image].push_back({pixel, residual / std::max(1.0, residual.norm())});
-    }
-  }
   double products = 0, squares = 0;
-  for (size_t i = 0; i < of_image.size(); ++i) {
-    const CameraIntrinsics& lens =
-        reconstruction.intrinsics.lenses[reconstruction.intrinsics.lens_of_image[i]];
-    for (const PlacedResidual& one : of_image[i]) squares += one.residual.squaredNorm();
-    products += SumOfNearProducts(std::move(of_image[i]),
+  std::vector<std::vector<PlacedResidual>> residuals =
+      ResidualsByImage(reconstruction, features, sigma0);
+  for (size_t i = 0; i < residuals.size(); ++i) {
+    const CameraIntrinsics& lens = reconstruction.intrinsics.of(ImageId(i));
+    for (const PlacedResidual& one : residuals[i]) squares += one.residual.squaredNorm();
+    products += SumOfNearProducts(std::move(residuals[i]),
                                   kAlikeWithin * std::max(lens.width_px, lens.height_px));
   }
   return squares > 0 ? std::max(1.0, products / squares) : 1.0;

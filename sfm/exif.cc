@@ -138,22 +138,11 @@ namespace {
 
 enum JpegMarker : uint8_t {
   kTem = 0x01,
-  kSof0 = 0xC0,
-  kDht = 0xC4,
-  kJpgExtension = 0xC8,
-  kDac = 0xCC,
-  kSof15 = 0xCF,
   kRst0 = 0xD0,
   kSoi = 0xD8,
   kEoi = 0xD9,
-  kSos = 0xDA,
   kApp1 = 0xE1,
 };
-
-bool IsFrameHeader(uint8_t marker) {
-  return marker >= kSof0 && marker <= kSof15 && marker != kDht && marker != kJpgExtension &&
-         marker != kDac;
-}
 
 bool StandsAlone(uint8_t marker) { return marker == kTem || (marker >= kRst0 && marker <= kSoi); }
 
@@ -189,10 +178,6 @@ std::optional<JpegStructure> ScanJpeg(std::string_view bytes) {
     }
     const auto length = reader.U16(at + 2);
     if (!length || *length < 2) return structure;
-    if (IsFrameHeader(marker) && *length >= 7 && reader.U16(at + 7)) {
-      structure.height_px = static_cast<int>(*reader.U16(at + 5));
-      structure.width_px = static_cast<int>(*reader.U16(at + 7));
-    }
     if (at + 2 + *length > bytes.size()) return structure;
     const std::string_view payload = bytes.substr(at + 4, *length - 2);
     if (marker == kApp1 && structure.exif.empty() && payload.starts_with(kExifHeader)) {

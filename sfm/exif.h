@@ -24,8 +24,6 @@ std::optional<ExifTags> ParseExif(std::string_view tiff);
 
 /// What the marker segments of a JPEG stream say (ITU T.81, annex B).
 struct JpegStructure {
-  int width_px = 0;  // 0 until a frame header was met
-  int height_px = 0;
   bool complete = false;  // the entropy-coded data reach EOI
   std::string_view exif;  // TIFF block of the first Exif APP1 segment; empty when there is none
 };

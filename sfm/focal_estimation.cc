@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 
+#include "sfm/core/statistics.h"
 #include "sfm/epipolar.h"
 
 namespace rotunda::sfm {
@@ -133,9 +134,7 @@ TwoView Reposed(const Features& features, const Intrinsics& intrinsics, TwoView 
   pair.second_from_first = RefinePose(pair.second_from_first, data, kRefineIterations);
   std::vector<double> angles;
   for (const Correspondence& c : data) angles.push_back(RayAngle_rad(pair.second_from_first, c));
-  const auto middle = angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2);
-  std::nth_element(angles.begin(), middle, angles.end());
-  pair.median_angle_rad = *middle;
+  pair.median_angle_rad = Median(std::move(angles));
   return pair;
 }
 

@@ -1,5 +1,7 @@
 #include "sfm/literal_tc_sfm.h"
 
+#include <string>
+
 #include "sfm/disjoint_sets.h"
 #include "sfm/tracks.h"
 
@@ -18,13 +20,6 @@ ViewGraph HeavyEdges(const ViewGraph& graph, double min_weight) {
   return heavy;
 }
 
-/// No edge is judged by the others in the paper.
-ConsistentViewGraph NothingRejected(const ViewGraph& graph) {
-  ConsistentViewGraph consistent;
-  consistent.verdicts.assign(graph.edges.size(), EdgeVerdict::kSure);
-  return consistent;
-}
-
 Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input, const Tracks& tracks,
                               const LiteralOptions& options, RunContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<Superpixels> superpixels,
@@ -34,8 +29,9 @@ Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input, cons
       BuildTrackGraph(input.features, tracks, superpixels, options.track_graph);
   ROTUNDA_ASSIGN_OR_RETURN(const Communities communities,
                            BuildCommunities(graph.graph, options.communities));
-  const ConsistentViewGraph consistent = NothingRejected(input.view_graph);
-  return BuildSegments({input.features, input.two_views, input.view_graph, consistent, tracks,
+  // No edge is judged by the others in the paper.
+  const std::vector<EdgeVerdict> verdicts(input.view_graph.edges.size(), EdgeVerdict::kAgrees);
+  return BuildSegments({input.features, input.two_views, input.view_graph, verdicts, tracks,
                         superpixels, graph, communities},
                        options.segments);
 }
@@ -49,7 +45,13 @@ std::vector<ImageId> AllImages(const Features& features) {
 }  // namespace
 
 Status LiteralOptions::Validate() const {
+  if (!(min_edge_weight >= 0)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::to_string(min_edge_weight) + " is out of range, expected >= 0",
+                 "min_edge_weight"};
+  }
   ROTUNDA_RETURN_IF_ERROR(superpixels.Validate());
+  ROTUNDA_RETURN_IF_ERROR(track_graph.Validate());
   ROTUNDA_RETURN_IF_ERROR(communities.Validate());
   ROTUNDA_RETURN_IF_ERROR(segments.Validate());
   ROTUNDA_RETURN_IF_ERROR(correction.Validate());
@@ -73,15 +75,12 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
       const Correction correction,
       BuildCorrection(everything, result.segments, options.correction, context));
   ROTUNDA_ASSIGN_OR_RETURN(
-      ClusterReconstructions clusters,
+      std::vector<Reconstruction> models,
       BuildClusterReconstructions(everything, correction, options.clusters, incremental, context));
-  if (clusters.models.empty()) {
-    return Error{ErrorCode::kFailed, "no cluster of pictures gives a model", "correction"};
-  }
   context.Report("merging", 0, 1);
   ROTUNDA_ASSIGN_OR_RETURN(MergeResult merged,
                            MergeModels({input.features, input.two_views, input.view_graph},
-                                       std::move(clusters.models), options.merging, context));
+                                       std::move(models), options.merging, context));
 
   const TwoViews consistent =
       MatchesWithinParts(everything, correction, AllImages(input.features), options.clusters);

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numeric>
 
+#include "sfm/core/statistics.h"
 #include "sfm/triangulation.h"
 
 namespace rotunda::sfm {
@@ -15,13 +16,6 @@ constexpr size_t kNoPoint = SIZE_MAX;
 constexpr std::array<double, 8> kFocalFactors = {1.0, 0.5, 0.63, 0.79, 1.26, 1.59, 2.0, 2.5};
 /// Share of an initial pair's tracks that must survive as points.
 constexpr double kMinInitialShare = 0.5;
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 

@@ -7,6 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "sfm/core/statistics.h"
+
 namespace rotunda::sfm {
 namespace {
 
@@ -123,9 +125,7 @@ class Fusion {
       }
     }
     if (distances_px.empty()) return std::numeric_limits<double>::infinity();
-    const auto middle = distances_px.begin() + static_cast<std::ptrdiff_t>(distances_px.size() / 2);
-    std::nth_element(distances_px.begin(), middle, distances_px.end());
-    return *middle;
+    return Median(std::move(distances_px));
   }
 
   double Error_px(const Point3& point, const Observation& observation) const {

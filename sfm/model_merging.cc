@@ -16,7 +16,7 @@ constexpr char kStage[] = "merging";
 struct Node {
   Reconstruction model;
   PointIndex index;
-  std::vector<size_t> members;  // places of input models, sorted
+  size_t first_member;  // smallest place of the input models in it
 };
 
 /// How two nodes could become one.
@@ -24,8 +24,7 @@ struct Attempt {
   size_t source = 0, target = 0;  // places of nodes
   bool linked = false;
   SimilarityVerdict verdict;
-  double cost_px2 = 0;       // what weighs the edge
-  double mean_cost_px2 = 0;  // what is told
+  double cost_px2 = 0;  // what weighs the edge
 };
 
 class Merger {
@@ -35,7 +34,7 @@ class Merger {
       : input_(input), options_(options), context_(context) {
     for (size_t m = 0; m < models.size(); ++m) {
       PointIndex index(input.features, models[m]);
-      nodes_.push_back({std::move(models[m]), std::move(index), {m}});
+      nodes_.push_back({std::move(models[m]), std::move(index), m});
     }
   }
 
@@ -58,10 +57,7 @@ class Merger {
       if (a_images != b_images) return a_images > b_images;
       return a.model.points.size() > b.model.points.size();
     });
-    for (Node& node : nodes_) {
-      result_.models.push_back(std::move(node.model));
-      result_.sources.push_back(std::move(node.members));
-    }
+    for (Node& node : nodes_) result_.models.push_back(std::move(node.model));
     return std::move(result_);
   }
 
@@ -92,8 +88,8 @@ class Merger {
 
   /// Of the first input models, so that it does not depend on the places of the nodes.
   uint64_t SeedOf(size_t source, size_t target) const {
-    return DeriveSeed(DeriveSeed(context_.seed, nodes_[source].members.front()),
-                      nodes_[target].members.front());
+    return DeriveSeed(DeriveSeed(context_.seed, nodes_[source].first_member),
+                      nodes_[target].first_member);
   }
 
   void Refine(const std::vector<ModelLink>& links, Attempt& attempt) const {
@@ -106,7 +102,6 @@ class Merger {
     const Consistency consistency = MinimiseInconsistency(
         {input_.features, source, target, agreeing}, *attempt.verdict.target_from_source,
         {options_.reprojection_weight, options_.bidirectional});
-    attempt.mean_cost_px2 = consistency.mean_cost_px2;
     attempt.cost_px2 = options_.mean_cost ? consistency.mean_cost_px2 : consistency.cost_px2;
     attempt.verdict =
         JudgeSimilarity(links, source, target, consistency.target_from_source, options_.similarity);
@@ -144,7 +139,6 @@ class Merger {
   /// Works the forest off, each time the cheapest edge that ends in a leaf. False: nothing merged.
   bool MergeInward(std::vector<Attempt> forest) {
     std::vector<bool> grown(nodes_.size()), gone(nodes_.size());
-    const size_t merges_before = result_.merges.size();
     while (!forest.empty()) {
       const auto leaf = std::find_if(forest.begin(), forest.end(), [&](const Attempt& edge) {
         return Degree(forest, edge.source) == 1 || Degree(forest, edge.target) == 1;
@@ -165,7 +159,7 @@ class Merger {
       if (!gone[n]) left.push_back(std::move(nodes_[n]));
     }
     nodes_ = std::move(left);
-    return result_.merges.size() > merges_before;
+    return std::find(gone.begin(), gone.end(), true) != gone.end();
   }
 
   static size_t Degree(const std::vector<Attempt>& forest, size_t node) {
@@ -177,26 +171,18 @@ class Merger {
   void Merge(const Attempt& edge) {
     Node& source = nodes_[edge.source];
     Node& target = nodes_[edge.target];
-    result_.merges.push_back(Told(edge));
     const Reconstruction moved = Transformed(source.model, *edge.verdict.target_from_source);
     target.model =
         FuseModels({input_.features, moved, target.model, Links(edge), edge.verdict.agrees},
                    options_.max_duplicate_px);
     target.index = PointIndex(input_.features, target.model);
-    target.members.insert(target.members.end(), source.members.begin(), source.members.end());
-    std::sort(target.members.begin(), target.members.end());
-  }
-
-  MergeAttempt Told(const Attempt& attempt) const {
-    return {nodes_[attempt.source].members, nodes_[attempt.target].members, attempt.verdict.refusal,
-            attempt.verdict.evidence,
-            attempt.verdict.target_from_source ? attempt.mean_cost_px2 : 0.0};
+    target.first_member = std::min(target.first_member, source.first_member);
   }
 
   /// Of a round that merged nothing: its attempts are between the models that are left.
   void TakeRefusals(const std::vector<Attempt>& attempts) {
     for (const Attempt& attempt : attempts) {
-      if (attempt.linked) result_.refusals.push_back(Told(attempt));
+      if (attempt.linked) result_.refusals.push_back(attempt.verdict.refusal);
     }
   }
 

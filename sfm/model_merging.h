@@ -1,6 +1,5 @@
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,21 +23,10 @@ struct MergeOptions {
   Status Validate() const;
 };
 
-/// Two models that links tie, and what came of it. Models are named by the places of the input
-/// models they consist of, sorted.
-struct MergeAttempt {
-  std::vector<size_t> source, target;
-  std::string refusal;  // empty: the source went into the target
-  SimilarityEvidence evidence;
-  /// Of the bidirectional consistency; 0 when refused, infinite when no point is seen across.
-  double mean_cost_px2 = 0;
-};
-
 struct MergeResult {
-  std::vector<Reconstruction> models;        // most images first, ties by most points
-  std::vector<std::vector<size_t>> sources;  // by model: places of the input models in it, sorted
-  std::vector<MergeAttempt> merges;          // in order
-  std::vector<MergeAttempt> refusals;        // between the models that are left, where links exist
+  std::vector<Reconstruction> models;  // most images first, ties by most points
+  /// Why models that are left were not joined: one for every two between which links exist.
+  std::vector<std::string> refusals;
 };
 
 /// Models in, models out: what could be joined is one model (TC-SfM III-D): the graph of models,

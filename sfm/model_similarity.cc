@@ -7,6 +7,7 @@
 #include <random>
 
 #include "sfm/core/run_context.h"
+#include "sfm/core/statistics.h"
 
 namespace rotunda::sfm {
 namespace {
@@ -44,12 +45,6 @@ struct RowWeights {
   double baseline = 0;
   double scale = 0;
 };
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Medians of scale and lambda over the points that both models see, each by least squares on
 /// scale R_ij (R_i p_a + t_i) + lambda t_ij = R_j p_b + t_j (eq. 3), both positive.

@@ -227,9 +227,7 @@ Result<Segments> LabelSegments(const Run& run, const FrontEnd& front, const TcSf
       BuildTrackGraph(front.features, tracks, superpixels, run.options.track_graph);
   ROTUNDA_ASSIGN_OR_RETURN(const Communities communities,
                            BuildCommunities(graph.graph, run.options.communities));
-  ConsistentViewGraph consistent;
-  consistent.verdicts = result.verdicts;
-  return BuildSegments({front.features, front.two_views, front.view_graph, consistent, tracks,
+  return BuildSegments({front.features, front.two_views, front.view_graph, result.verdicts, tracks,
                         superpixels, graph, communities},
                        run.options.segments);
 }
@@ -348,6 +346,32 @@ Result<Stage> StageFromName(std::string_view name) {
                ""};
 }
 
+Status PipelineOptions::Validate() const {
+  if (start_from && !stages_folder) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "starting from a stage needs the folder of the stages", ""};
+  }
+  if (method != Method::kPlain && start_from == Stage::kTracks) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "tracks to start from are the plain method's: tc-sfm builds its own", ""};
+  }
+  if (database && start_from && *start_from <= Stage::kMatches) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "features and matches come either from a database or from the stages", ""};
+  }
+  ROTUNDA_RETURN_IF_ERROR(features.Validate());
+  ROTUNDA_RETURN_IF_ERROR(matching.Validate());
+  ROTUNDA_RETURN_IF_ERROR(two_view.Validate());
+  ROTUNDA_RETURN_IF_ERROR(incremental.Validate());
+  if (method == Method::kPlain) return {};
+  if (method == Method::kLiteral) return literal.Validate();
+  ROTUNDA_RETURN_IF_ERROR(tc_sfm.Validate());
+  ROTUNDA_RETURN_IF_ERROR(superpixels.Validate());
+  ROTUNDA_RETURN_IF_ERROR(track_graph.Validate());
+  ROTUNDA_RETURN_IF_ERROR(communities.Validate());
+  return segments.Validate();
+}
+
 Result<PipelineResult> RunPipeline(const FrameSet& set,
                                    const std::optional<Calibration>& calibration,
                                    const PipelineOptions& options, RunContext& context) {
@@ -358,18 +382,7 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
                      std::to_string(kMinPictures),
                  set.folder.string()};
   }
-  if (options.start_from && !options.stages_folder) {
-    return Error{ErrorCode::kInvalidArgument,
-                 "starting from a stage needs the folder of the stages", ""};
-  }
-  if (options.method != Method::kPlain && options.start_from == Stage::kTracks) {
-    return Error{ErrorCode::kInvalidArgument,
-                 "tracks to start from are the plain method's: tc-sfm builds its own", ""};
-  }
-  if (options.database && options.start_from && *options.start_from <= Stage::kMatches) {
-    return Error{ErrorCode::kInvalidArgument,
-                 "features and matches come either from a database or from the stages", ""};
-  }
+  ROTUNDA_RETURN_IF_ERROR(options.Validate());
   ROTUNDA_ASSIGN_OR_RETURN(FrontEnd front, RunFrontEnd(run));
 
   IncrementalOptions incremental = options.incremental;
@@ -379,7 +392,7 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
   return Finish(run, std::move(front), std::move(built), incremental);
 }
 
-Status WriteResult(const PipelineResult& result, const std::optional<Calibration>& calibration,
+Status WriteResult(const PipelineResult& result, const CalibrationInForce& in_force,
                    const std::filesystem::path& folder, RunContext& context) {
   context.Report("report", 0, 1);
   const std::filesystem::path sparse = folder / "sparse" / "0";
@@ -390,8 +403,9 @@ Status WriteResult(const PipelineResult& result, const std::optional<Calibration
   ROTUNDA_RETURN_IF_ERROR(WriteColmapModel(result.reconstruction, result.features, result.set,
                                            sparse, ColmapEncoding::kBinary));
   ROTUNDA_RETURN_IF_ERROR(WritePly(result.reconstruction, folder / "points.ply"));
-  const ReportInput input{result.set,  result.poses,    result.reconstruction,
-                          calibration, result.features, result.segments};
+  const ReportInput input{result.set,           result.poses,    result.reconstruction,
+                          in_force.calibration, result.features, result.segments,
+                          in_force.page};
   ROTUNDA_ASSIGN_OR_RETURN(const std::string html, BuildReport(input, context));
   return WriteFileAtomically(folder / "report.html", html);
 }

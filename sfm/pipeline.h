@@ -55,6 +55,8 @@ struct PipelineOptions {
   std::optional<std::filesystem::path> stages_folder;
   /// Products up to and including this one are read from `stages_folder` instead of being made.
   std::optional<Stage> start_from;
+  /// Of all stages that the method has, and whether the fields go together.
+  Status Validate() const;
 };
 
 struct PipelineResult {
@@ -71,9 +73,15 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
                                    const std::optional<Calibration>& calibration,
                                    const PipelineOptions& options, RunContext& context);
 
+/// The calibration a result is compared with.
+struct CalibrationInForce {
+  std::optional<Calibration> calibration;
+  std::string page;  // HTML of its own report, to be shown in ours; empty: none
+};
+
 /// Writes poses.json, sparse/0 (COLMAP binary model), points.ply and report.html into `folder`,
 /// which must exist.
-Status WriteResult(const PipelineResult& result, const std::optional<Calibration>& calibration,
+Status WriteResult(const PipelineResult& result, const CalibrationInForce& in_force,
                    const std::filesystem::path& folder, RunContext& context);
 
 }  // namespace rotunda::sfm

@@ -115,6 +115,9 @@ void AddSegments(const Segments& segments, PoseSet& poses) {
     summary.ambiguous = segment.ambiguous;
     summary.tracks = segment.tracks;
     summary.cameras = segment.images.size();
+    for (const uint32_t other : segment.look_alikes) {
+      if (!segments.segments[other].images.empty()) summary.look_alikes.push_back(other);
+    }
     std::map<std::string, size_t> sides;
     for (const ImageId image : segment.images) {
       CameraPose& camera = poses.cameras[image.index()];

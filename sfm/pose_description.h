@@ -30,8 +30,8 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
 /// Verdict, margin and folded check.
 void AddVerdict(const TcSfmResult& result, PoseSet& poses);
 
-/// Segments with the cameras that are related to them; the side of a segment is that of most of
-/// its cameras.
+/// Segments with the cameras that are related to them and their look-alikes; the side of a segment
+/// is that of most of its cameras. Segments that no camera is related to are left out.
 void AddSegments(const Segments& segments, PoseSet& poses);
 
 }  // namespace rotunda::sfm

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <functional>
 #include <map>
+#include <optional>
 
 namespace rotunda::sfm {
 namespace {
@@ -33,38 +34,48 @@ Setter Number(double& (*field)(PipelineOptions&)) {
   };
 }
 
-const std::map<std::string, Setter, std::less<>>& Setters() {
+struct Setting {
+  std::optional<Method> only;  // the method that it acts on; nullopt: all
+  Setter set;
+};
+
+const std::map<std::string, Setting, std::less<>>& Settings() {
   using O = PipelineOptions;
-  static const std::map<std::string, Setter, std::less<>> setters = {
+  constexpr Method kOurs = Method::kTcSfm, kPaper = Method::kLiteral;
+  static const std::map<std::string, Setting, std::less<>> settings = {
       {"consistent-view-graph",
-       Switch([](O& o) -> bool& { return o.tc_sfm.consistent_view_graph; })},
-      {"unfolding", Switch([](O& o) -> bool& { return o.tc_sfm.unfolding; })},
-      {"obstacles", Switch([](O& o) -> bool& { return o.tc_sfm.covisibility.obstacles; })},
-      {"bidirectional", Switch([](O& o) -> bool& { return o.tc_sfm.merging.bidirectional; })},
+       {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.consistent_view_graph; })}},
+      {"unfolding", {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.unfolding; })}},
+      {"obstacles", {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.covisibility.obstacles; })}},
+      {"bidirectional",
+       {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.merging.bidirectional; })}},
       {"reprojection-weight",
-       Number([](O& o) -> double& { return o.tc_sfm.merging.reprojection_weight; })},
+       {kOurs, Number([](O& o) -> double& { return o.tc_sfm.merging.reprojection_weight; })}},
       {"literal-weighted-track-graph",
-       Switch([](O& o) -> bool& { return o.literal.track_graph.weighted; })},
+       {kPaper, Switch([](O& o) -> bool& { return o.literal.track_graph.weighted; })}},
       {"literal-rejected-undecided",
-       Choice<bool>([](O& o) -> bool& { return o.literal.correction.undecided_is_consistent; },
-                    false, true)},
+       {kPaper,
+        Choice<bool>([](O& o) -> bool& { return o.literal.correction.undecided_is_consistent; },
+                     false, true)}},
       {"literal-center-angle",
-       Choice<PlaceDistance>(
-           [](O& o) -> PlaceDistance& { return o.literal.correction.place_distance; },
-           PlaceDistance::kCenterAngle, PlaceDistance::kTranslationAngle)},
+       {kPaper, Choice<PlaceDistance>(
+                    [](O& o) -> PlaceDistance& { return o.literal.correction.place_distance; },
+                    PlaceDistance::kCenterAngle, PlaceDistance::kTranslationAngle)}},
       {"literal-strongest-link-next",
-       Choice<NextImage>([](O& o) -> NextImage& { return o.literal.correction.next; },
-                         NextImage::kStrongestLink, NextImage::kMostPrimaryPoints)},
-      {"literal-mean-cost", Switch([](O& o) -> bool& { return o.literal.merging.mean_cost; })},
+       {kPaper, Choice<NextImage>([](O& o) -> NextImage& { return o.literal.correction.next; },
+                                  NextImage::kStrongestLink, NextImage::kMostPrimaryPoints)}},
+      {"literal-mean-cost",
+       {kPaper, Switch([](O& o) -> bool& { return o.literal.merging.mean_cost; })}},
       {"literal-reprojection-weight",
-       Number([](O& o) -> double& { return o.literal.merging.reprojection_weight; })},
+       {kPaper, Number([](O& o) -> double& { return o.literal.merging.reprojection_weight; })}},
       {"literal-bidirectional",
-       Switch([](O& o) -> bool& { return o.literal.merging.bidirectional; })},
-      {"contrast", Number([](O& o) -> double& { return o.features.contrast_threshold; })},
+       {kPaper, Switch([](O& o) -> bool& { return o.literal.merging.bidirectional; })}},
+      {"contrast",
+       {std::nullopt, Number([](O& o) -> double& { return o.features.contrast_threshold; })}},
       {"faint-contrast",
-       Number([](O& o) -> double& { return o.features.faint_contrast_threshold; })},
+       {std::nullopt, Number([](O& o) -> double& { return o.features.faint_contrast_threshold; })}},
   };
-  return setters;
+  return settings;
 }
 
 }  // namespace
@@ -75,14 +86,21 @@ void ApplyPreset(Preset preset, PipelineOptions& options) {
 }
 
 Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options) {
-  const auto found = Setters().find(key);
-  if (found == Setters().end()) {
+  const auto found = Settings().find(key);
+  if (found == Settings().end()) {
     std::string known;
-    for (const auto& [name, setter] : Setters()) known += (known.empty() ? "" : ", ") + name;
+    for (const auto& [name, setting] : Settings()) known += (known.empty() ? "" : ", ") + name;
     return Error{ErrorCode::kInvalidArgument,
                  "option '" + std::string(key) + "' is not known; known are " + known, ""};
   }
-  if (found->second(value, options)) return {};
+  const Setting& setting = found->second;
+  if (setting.only && *setting.only != options.method) {
+    return Error{ErrorCode::kInvalidArgument,
+                 std::string("is an option of ") + MethodName(*setting.only) +
+                     " and has no effect on " + MethodName(options.method),
+                 std::string(key)};
+  }
+  if (setting.set(value, options)) return {};
   return Error{ErrorCode::kInvalidArgument,
                "'" + std::string(value) + "' was given, a number, \"on\" or \"off\" is expected",
                std::string(key)};

@@ -17,8 +17,8 @@ enum class Preset {
 /// Sets what the preset changes of the method tc-sfm.
 void ApplyPreset(Preset preset, PipelineOptions& options);
 
-/// Sets one option of the method tc-sfm by its name, for comparisons. kInvalidArgument names the
-/// key or the value and what is known or expected.
+/// Sets one option by its name, for comparisons. kInvalidArgument names the key or the value and
+/// what is known or expected, also when the option does not act on `options.method`.
 Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options);
 
 }  // namespace rotunda::sfm

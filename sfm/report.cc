@@ -4,7 +4,7 @@
 
 #include "sfm/report_charts.h"
 #include "sfm/report_facts.h"
-#include "sfm/report_html.h"
+#include "sfm/core/html_text.h"
 #include "sfm/report_style.h"
 #include "sfm/report_thumbnails.h"
 #include "sfm/report_views.h"
@@ -290,6 +290,14 @@ std::string PicturesHtml(const ReportInput& input, const Facts& facts,
          StripHtml(input, facts, thumbnails, &Thumbnail::marked_jpeg) + "</section>\n";
 }
 
+/// A page within the page: its style and script are its own.
+std::string CalibrationHtml(const std::string& page) {
+  if (page.empty()) return "";
+  return "<section><div class=\"head\"><h2>Calibration</h2><p>the one these poses are compared "
+         "with</p></div><iframe class=\"page\" title=\"Calibration\" srcdoc=\"" +
+         Escaped(page) + "\"></iframe></section>\n";
+}
+
 std::string FooterHtml(const PoseSet& poses) {
   const auto item = [](const std::string& name, const std::string& value) {
     return "<div><dt>" + Escaped(name) + "</dt> <dd>" + Escaped(value) + "</dd></div>\n";
@@ -315,14 +323,15 @@ Result<std::string> BuildReport(const ReportInput& input, RunContext& context) {
   std::string html =
       "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"/>"
       "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"/><title>" +
-      report::Escaped(input.poses.frameset) + " – Rotunda</title>\n<style>";
+      Escaped(input.poses.frameset) + " – Rotunda</title>\n<style>";
   html += report::StyleSheet();
   html += report::ColourRules(facts) + "</style></head>\n<body data-by=\"state\">\n" +
           report::HeaderHtml(input) + "<main>\n<div class=\"verdicts\">" +
           report::VerdictHtml(facts.shot) + report::VerdictHtml(facts.rig) + "</div>\n" +
           report::TilesHtml(input, facts) + report::ViewsHtml(input, facts) +
           report::BarsHtml(input, facts) + report::TableHtml(input, facts) +
-          report::PicturesHtml(input, facts, thumbnails) + "</main>\n" +
+          report::PicturesHtml(input, facts, thumbnails) +
+          report::CalibrationHtml(input.calibration_page) + "</main>\n" +
           report::FooterHtml(input.poses) + "<script>";
   html += report::Script();
   return html + "</script></body></html>\n";

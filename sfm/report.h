@@ -23,11 +23,12 @@ struct ReportInput {
   const std::optional<Calibration>& calibration;  // the one the poses were aligned to
   const Features& features;
   const std::optional<Segments>& segments;  // communities of tracks, where the method has them
+  const std::string& calibration_page;      // HTML of the calibration's own report; empty: none
 };
 
 /// One HTML file that needs nothing else: summary, table of cameras, top and side view of cameras
-/// and points, a strip of the pictures, and one with the communities of tracks. Same input, same
-/// bytes.
+/// and points, a strip of the pictures, one with the communities of tracks, the calibration's page.
+/// Same input, same bytes.
 Result<std::string> BuildReport(const ReportInput& input, RunContext& context);
 
 }  // namespace rotunda::sfm

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "sfm/report_html.h"
+#include "sfm/core/html_text.h"
 #include "sfm/report_views.h"
 
 namespace rotunda::sfm::report {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <functional>
 
-#include "sfm/report_html.h"
+#include "sfm/core/html_text.h"
 
 namespace rotunda::sfm::report {
 namespace {

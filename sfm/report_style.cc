@@ -112,6 +112,7 @@ tr.look .bar,tr.bad .bar{background:var(--line)}
 .strip .look img,.strip .look .none{outline:3px solid var(--look)}.strip .bad img,.strip .bad .none{outline:3px solid var(--bad)}
 .strip .bad{color:var(--bad);font-weight:600}.strip .look{color:var(--look);font-weight:600}
 .strip a.hot img{outline:3px solid var(--accent)}
+.page{display:block;width:100%;height:90vh;border:1px solid var(--line);border-radius:8px}
 footer{color:var(--soft);font-size:.86rem;padding-bottom:40px}
 footer dl{display:flex;flex-wrap:wrap;gap:3px 24px;margin:0;border-top:1px solid var(--line);padding-top:14px}
 footer div{overflow-wrap:anywhere}

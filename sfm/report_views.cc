@@ -7,7 +7,7 @@
 #include <map>
 #include <numeric>
 
-#include "sfm/report_html.h"
+#include "sfm/core/html_text.h"
 
 namespace rotunda::sfm::report {
 namespace {

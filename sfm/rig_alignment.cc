@@ -7,22 +7,16 @@
 #include <string>
 
 #include "sfm/core/alignment.h"
+#include "sfm/core/statistics.h"
 
 namespace rotunda::sfm {
 namespace {
 
 constexpr double kMovedSigmas = 6.0;
-constexpr double kSigmaFromMedian = 1.4826;
 /// A camera stands in a place of the calibration when every other place is farther by this factor.
 /// Poses of swapped cameras are worse than others: their lenses are each other's, too (half a per
 /// cent of the focal length is 1 cm at 2 m).
 constexpr double kFartherFactor = 5.0;
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 VsCalibration Compare(const Rigid3& cam_from_rig, const Rigid3& calibrated_cam_from_rig) {
   VsCalibration difference;

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "sfm/bundle_adjustment.h"
+#include "sfm/core/statistics.h"
 #include "sfm/triangulation.h"
 
 namespace rotunda::sfm {
@@ -76,11 +77,10 @@ Status SegmentModel::Initialize(const TwoView& pair, size_t min_points, double m
                      " points hold after adjustment",
                  "initial pair"};
   }
-  const auto middle = angles.begin() + static_cast<std::ptrdiff_t>(angles.size() / 2);
-  std::nth_element(angles.begin(), middle, angles.end());
-  if (*middle < min_angle_rad) {
+  const double median_rad = Median(std::move(angles));
+  if (median_rad < min_angle_rad) {
     return Error{ErrorCode::kFailed,
-                 "median angle " + std::to_string(DegFromRad(*middle)) + " deg after adjustment",
+                 "median angle " + std::to_string(DegFromRad(median_rad)) + " deg after adjustment",
                  "initial pair"};
   }
   return {};

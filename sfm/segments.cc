@@ -113,7 +113,7 @@ std::vector<TrackLink> RejectedLinks(const SegmentInput& input, const SegmentOpt
   std::vector<TrackLink> single;
   for (size_t edge = 0; edge < input.view_graph.edges.size(); ++edge) {
     const TwoView& view = input.two_views.pairs[input.view_graph.edges[edge].two_view];
-    if (input.consistent.verdicts[edge] != EdgeVerdict::kRejected) continue;
+    if (input.verdicts[edge] != EdgeVerdict::kRejected) continue;
     if (view.kind == TwoViewKind::kPanoramic) continue;
     const std::vector<TrackLink> links = LinksOfPair(view, track_of, options.max_agreeing_share);
     single.insert(single.end(), links.begin(), links.end());

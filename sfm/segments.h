@@ -64,7 +64,7 @@ struct SegmentInput {
   const Features& features;
   const TwoViews& two_views;
   const ViewGraph& view_graph;
-  const ConsistentViewGraph& consistent;
+  const std::vector<EdgeVerdict>& verdicts;  // parallel to the edges
   const Tracks& tracks;
   const std::vector<Superpixels>& superpixels;
   const TrackGraph& track_graph;

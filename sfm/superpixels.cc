@@ -108,9 +108,12 @@ Result<Superpixels> SuperpixelsOfFrame(const FrameSet& set, ImageId id,
 }  // namespace
 
 uint16_t Superpixels::LabelAt(float x_px, float y_px) const {
-  const int x = std::clamp(static_cast<int>(std::floor(x_px * map_from_picture)), 0, width_px - 1);
-  const int y = std::clamp(static_cast<int>(std::floor(y_px * map_from_picture)), 0, height_px - 1);
-  return labels[static_cast<size_t>(y) * width_px + x];
+  // Clamped before it becomes an integer, which it may be too large for.
+  const auto place = [&](float at_px, int size_px) {
+    const double on_map = std::floor(at_px * map_from_picture);
+    return on_map > 0 ? static_cast<size_t>(std::min(on_map, size_px - 1.0)) : size_t{0};
+  };
+  return labels[place(y_px, height_px) * static_cast<size_t>(width_px) + place(x_px, width_px)];
 }
 
 Status SuperpixelOptions::Validate() const {

@@ -19,8 +19,8 @@ struct Superpixels {
   std::vector<std::vector<uint16_t>>
       neighbours;  // by label, sorted: those that touch it (8-connected)
 
-  /// Patch under a position of the picture (COLMAP's pixel convention), clamped to the picture. Not
-  /// to be asked when there are no labels.
+  /// Patch under a position of the picture (COLMAP's pixel convention), clamped to the picture; NaN
+  /// counts as 0. Not to be asked when there are no labels.
   uint16_t LabelAt(float x_px, float y_px) const;
 };
 

@@ -24,6 +24,7 @@ struct State {
   const TcSfmOptions& options;
   RunContext& context;
   std::vector<bool> refuted;  // parallel to the edges: by the groups of a draft
+  int unfoldings = 0;         // how often a draft or a finished model was found to be folded
   TcSfmResult result;
 };
 
@@ -42,8 +43,7 @@ Result<ViewGraph> EdgesForDraft(State& state) {
   ROTUNDA_ASSIGN_OR_RETURN(
       const ConsistentViewGraph consistent,
       BuildConsistentViewGraph(left, state.input.two_views, state.options.consistency));
-  state.result.margin = consistent.margin;
-  return EdgesThatAgree(left, consistent, EdgeVerdict::kWeak);
+  return EdgesThatAgree(left, consistent);
 }
 
 /// Group of every image over all models of a draft: no two models share a group.
@@ -100,7 +100,7 @@ void Refute(State& state, const std::vector<Reconstruction>& models, const Draft
   const std::vector<ViewGraphEdge>& edges = state.input.view_graph.edges;
   for (size_t m = 0; m < models.size(); ++m) {
     const TwoViews agreeing =
-        AgreeingMatches(models[m], state.input.features, state.input.two_views, {});
+        AgreeingMatches(models[m], state.input.features, state.input.two_views, {}, state.context);
     for (size_t e = 0; e < edges.size(); ++e) {
       const size_t i = edges[e].pair.first.index(), j = edges[e].pair.second.index();
       if (groups.model_of_image[i] != static_cast<int>(m)) continue;
@@ -113,17 +113,16 @@ void Refute(State& state, const std::vector<Reconstruction>& models, const Draft
 
 /// Takes a folded draft apart: its groups are kept in mind and the edges that they refute dropped.
 void TakeApart(State& state, const std::vector<Reconstruction>& models, const DraftGroups& groups) {
-  TcSfmResult& result = state.result;
-  ++result.unfoldings;
-  result.gain = std::min(result.gain, groups.gain);
+  std::vector<double>& certainty = state.result.certainty;
+  ++state.unfoldings;
   for (size_t i = 0; i < groups.certainty.size(); ++i) {
-    result.certainty[i] = std::min(result.certainty[i], groups.certainty[i]);
+    certainty[i] = std::min(certainty[i], groups.certainty[i]);
   }
   Refute(state, models, groups);
 }
 
 bool MayTakeApart(const State& state) {
-  return state.options.unfolding && state.result.unfoldings < state.options.max_unfoldings;
+  return state.options.unfolding && state.unfoldings < state.options.max_unfoldings;
 }
 
 struct Draft {
@@ -163,8 +162,8 @@ Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
 
 /// What is left when drafts could not be joined to the first.
 void NoteRefusals(const MergeResult& merged, TcSfmResult& result) {
-  for (const MergeAttempt& refusal : merged.refusals) {
-    result.notes.push_back("two pieces of the reconstruction were not joined: " + refusal.refusal);
+  for (const std::string& refusal : merged.refusals) {
+    result.notes.push_back("two pieces of the reconstruction were not joined: " + refusal);
   }
 }
 
@@ -198,15 +197,15 @@ Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
   TcSfmResult& result = state.result;
   const Features& features = state.input.features;
   const Reconstruction& start = draft.models.front();
-  TwoViews two_views = AgreeingMatches(start, features, state.input.two_views, {});
+  TwoViews two_views = AgreeingMatches(start, features, state.input.two_views, {}, state.context);
   AddOpenPairs(state, start, two_views);
   const ViewGraph graph = BuildViewGraph(features, two_views);
   const Tracks tracks = BuildTracks(features, two_views, graph);
   const IncrementalInput input = {features, start.intrinsics, two_views, graph, tracks};
   ROTUNDA_ASSIGN_OR_RETURN(result.models,
                            ExtendReconstruction(input, start, options, state.context));
-  result.two_views =
-      AgreeingMatches(result.models.models.front(), features, state.input.two_views, {});
+  result.two_views = AgreeingMatches(result.models.models.front(), features, state.input.two_views,
+                                     {}, state.context);
   result.view_graph = BuildViewGraph(features, result.two_views);
   draft.models.erase(draft.models.begin());
   AppendModels(std::move(draft.models), options.min_model_images, result.models);
@@ -270,19 +269,17 @@ std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidenc
   if (result.models.models.size() > 1) {
     return "the reconstruction is in " + std::to_string(result.models.models.size()) + " pieces";
   }
-  return result.alternatives == 0 ? "nothing looks alike" : "what looks alike was told apart";
+  return std::isinf(result.evidence) ? "nothing looks alike" : "what looks alike was told apart";
 }
 
 /// The finished model and what it says of itself.
 Status Judge(State& state, double gain) {
   TcSfmResult& result = state.result;
-  result.remaining_gain = gain;
   const Reconstruction& model = result.models.models.front();
   const Alternatives alternatives =
       FindAlternatives(model, state.input.features, state.input.two_views, result.two_views,
                        state.options.covisibility, {}, state.context);
   if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
-  result.alternatives = alternatives.poses.size();
   result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
                                                : alternatives.evidence_against;
   result.doubtful = DoubtfulImages(state, alternatives);
@@ -325,7 +322,7 @@ Status FinishUnfolded(State& state, const IncrementalOptions& incremental) {
 std::vector<EdgeVerdict> VerdictsOf(const TcSfmInput& input, const TcSfmResult& result) {
   std::vector<EdgeVerdict> verdicts;
   for (const ViewGraphEdge& edge : input.view_graph.edges) {
-    verdicts.push_back(HasPair(result.two_views, edge.pair) ? EdgeVerdict::kSure
+    verdicts.push_back(HasPair(result.two_views, edge.pair) ? EdgeVerdict::kAgrees
                                                             : EdgeVerdict::kRejected);
   }
   return verdicts;
@@ -373,11 +370,10 @@ Status TcSfmOptions::Validate() const {
 Result<TcSfmResult> RunTcSfm(const TcSfmInput& input, const TcSfmOptions& options,
                              const IncrementalOptions& incremental, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
-  const double infinite = std::numeric_limits<double>::infinity();
-  State state = {
-      input, options, context, std::vector<bool>(input.view_graph.edges.size(), false), {}};
-  state.result.gain = infinite;
-  state.result.certainty.assign(input.features.images.size(), infinite);
+  State state = {input, options, context, std::vector<bool>(input.view_graph.edges.size(), false),
+                 0,     {}};
+  state.result.certainty.assign(input.features.images.size(),
+                                std::numeric_limits<double>::infinity());
   ROTUNDA_RETURN_IF_ERROR(FinishUnfolded(state, incremental));
   state.result.verdicts = VerdictsOf(input, state.result);
   return std::move(state.result);

@@ -58,14 +58,9 @@ struct TcSfmResult {
   ViewGraph view_graph;
   std::vector<EdgeVerdict> verdicts;  // parallel to the edges of TcSfmInput::view_graph
   Verdict verdict = Verdict::kUnsure;
-  std::string reason;         // of the verdict
-  double margin = 0;          // ConsistentViewGraph::margin of the edges that were left in the end
-  size_t alternatives = 0;    // images that contradicting matches would put elsewhere
-  double evidence = 0;        // Alternatives::evidence_against; infinite without alternatives
-  int unfoldings = 0;         // how often a draft was found to be folded
-  double gain = 0;            // by which the drafts were found to be folded, least of them
-  double remaining_gain = 0;  // of the result; 0 when it is not folded
-  std::vector<double> certainty;  // by ImageId: of its group, where a draft was folded
+  std::string reason;             // of the verdict
+  double evidence = 0;            // Alternatives::evidence_against; infinite without alternatives
+  std::vector<double> certainty;  // by ImageId: of its group; infinite where no draft was folded
   /// Images that may be on the wrong side: their heaviest edge of all contradicts their pose and
   /// what they fail to meet does not decide for it, or it decides for the alternative.
   std::vector<ImageId> doubtful;

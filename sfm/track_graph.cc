@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <optional>
+#include <string>
 
 namespace rotunda::sfm {
 namespace {
@@ -92,6 +93,13 @@ WeightedGraph GraphOf(std::vector<Contact> contacts, size_t nodes, bool weighted
 }
 
 }  // namespace
+
+Status TrackGraphOptions::Validate() const {
+  if (min_track_length >= 2) return {};
+  return Error{ErrorCode::kInvalidArgument,
+               std::to_string(min_track_length) + " is out of range, expected >= 2",
+               "min_track_length"};
+}
 
 TrackGraph BuildTrackGraph(const Features& features, const Tracks& tracks,
                            const std::vector<Superpixels>& superpixels,

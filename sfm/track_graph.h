@@ -4,6 +4,7 @@
 
 #include "sfm/communities.h"
 #include "sfm/core/ids.h"
+#include "sfm/core/result.h"
 #include "sfm/features.h"
 #include "sfm/superpixels.h"
 #include "sfm/tracks.h"
@@ -19,6 +20,7 @@ struct TrackGraph {
 struct TrackGraphOptions {
   size_t min_track_length = 3;
   bool weighted = true;  // false: every edge weighs 1 (the paper)
+  Status Validate() const;
 };
 
 /// TC-SfM III-A. Tracks longest first; one is sampled when some superpixel that it touches is not

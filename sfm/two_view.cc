@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 
+#include "sfm/core/statistics.h"
 #include "sfm/epipolar.h"
 #include "sfm/lo_ransac.h"
 #include "sfm/two_view_solvers.h"
@@ -293,9 +294,7 @@ double MedianAngle_rad(const PairData& pair, const PoseModel& pose) {
   for (size_t i : pose.inliers) {
     angles_rad.push_back(RayAngle_rad(pose.second_from_first, pair.data[i]));
   }
-  const auto middle = angles_rad.begin() + static_cast<std::ptrdiff_t>(angles_rad.size() / 2);
-  std::nth_element(angles_rad.begin(), middle, angles_rad.end());
-  return *middle;
+  return Median(std::move(angles_rad));
 }
 
 /// The epipolar matrix of a pair and whether it is an essential one.

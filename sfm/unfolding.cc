@@ -238,8 +238,6 @@ LookAlikeGroups Describe(const Covisibility& covisibility, const Affinity& prior
                          std::vector<int> group, const Reading& reading) {
   LookAlikeGroups groups;
   groups.gain = reading.gain;
-  groups.telling_regions =
-      static_cast<size_t>(std::count(reading.telling.begin(), reading.telling.end(), true));
   Affinity affinity = prior;
   AddEvidence(covisibility, reading.telling, affinity);
   groups.certainty = Certainties(affinity, group);

@@ -17,7 +17,6 @@ struct LookAlikeGroups {
   /// within groups and not across, less the description length of the groups and of the choice of
   /// regions; 0 with one group.
   double gain = 0;
-  size_t telling_regions = 0;  // that tell the groups apart
   /// By ImageId: log-likelihood by which the image belongs to its group rather than to the next
   /// best; 0 where nothing tells, infinite with one group.
   std::vector<double> certainty;

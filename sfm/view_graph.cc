@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <numeric>
 
-#include "sfm/disjoint_sets.h"
-
 namespace rotunda::sfm {
 
 ViewGraph BuildViewGraph(const Features& features, const TwoViews& two_views) {
@@ -45,31 +43,6 @@ std::vector<size_t> EdgesByWeight(const ViewGraph& graph) {
     return x.pair < y.pair;
   });
   return order;
-}
-
-std::vector<size_t> MaximumSpanningTree(const ViewGraph& graph) {
-  DisjointSets sets(graph.images);
-  std::vector<size_t> tree;
-  for (size_t edge : EdgesByWeight(graph)) {
-    const ImagePair& pair = graph.edges[edge].pair;
-    if (sets.Unite(pair.first.index(), pair.second.index())) tree.push_back(edge);
-  }
-  return tree;
-}
-
-std::vector<std::vector<ImageId>> ConnectedComponents(const ViewGraph& graph) {
-  DisjointSets sets(graph.images);
-  for (const ViewGraphEdge& edge : graph.edges) {
-    sets.Unite(edge.pair.first.index(), edge.pair.second.index());
-  }
-  std::vector<std::vector<ImageId>> by_root(graph.images);
-  for (size_t i = 0; i < graph.images; ++i) by_root[sets.Find(i)].push_back(ImageId(i));
-  std::erase_if(by_root, [](const std::vector<ImageId>& images) { return images.size() < 2; });
-  std::sort(by_root.begin(), by_root.end(),
-            [](const std::vector<ImageId>& a, const std::vector<ImageId>& b) {
-              return a.size() != b.size() ? a.size() > b.size() : a.front() < b.front();
-            });
-  return by_root;
 }
 
 }  // namespace rotunda::sfm

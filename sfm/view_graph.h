@@ -26,12 +26,4 @@ ViewGraph BuildViewGraph(const Features& features, const TwoViews& two_views);
 /// Places in `graph.edges`, heaviest first, ties by pair.
 std::vector<size_t> EdgesByWeight(const ViewGraph& graph);
 
-/// Places in `graph.edges` of the maximum spanning tree (forest when not connected), strongest
-/// first; ties by pair.
-std::vector<size_t> MaximumSpanningTree(const ViewGraph& graph);
-
-/// Connected components as sorted lists of images, largest first (ties: smallest image). Images
-/// without an edge are left out.
-std::vector<std::vector<ImageId>> ConnectedComponents(const ViewGraph& graph);
-
 }  // namespace rotunda::sfm

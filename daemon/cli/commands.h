@@ -20,6 +20,8 @@ struct CommonOptions {
 /// and gives the exit code.
 using Action = std::function<int()>;
 void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddBoard(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddEvaluate(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddExport(CLI::App& app, CommonOptions& common, Action& chosen);

@@ -42,6 +42,8 @@ int Main(int argc, char** argv) {
   app.set_version_flag("--version", ROTUNDA_VERSION);
   app.footer("`rotunda COMMAND --help` tells a command's options and shows an example.");
   AddSimulate(app, common, chosen);
+  AddCalibrate(app, common, chosen);
+  AddBoard(app, common, chosen);
   AddReconstruct(app, common, chosen);
   AddEvaluate(app, common, chosen);
   AddExport(app, common, chosen);

@@ -33,17 +33,22 @@ struct ReconstructArguments {
 };
 
 /// --calibration, else the calibration that was in force when the set was taken, if it came with
-/// it.
-Result<std::optional<Calibration>> FindCalibration(const ReconstructArguments& arguments) {
+/// it; and the page that lies beside it.
+Result<sfm::CalibrationInForce> FindCalibration(const ReconstructArguments& arguments) {
+  sfm::CalibrationInForce in_force;
   std::error_code ignored;
   fs::path file = arguments.frameset / "calibration.json";
   if (arguments.calibration) {
     file = *arguments.calibration;
   } else if (!fs::exists(file, ignored)) {
-    return std::optional<Calibration>();
+    return in_force;
   }
-  ROTUNDA_ASSIGN_OR_RETURN(Calibration calibration, ReadCalibration(file));
-  return std::optional<Calibration>(std::move(calibration));
+  ROTUNDA_ASSIGN_OR_RETURN(in_force.calibration, ReadCalibration(file));
+  const fs::path page = file.replace_extension(".html");
+  if (fs::exists(page, ignored)) {
+    ROTUNDA_ASSIGN_OR_RETURN(in_force.page, ReadFile(page));
+  }
+  return in_force;
 }
 
 Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
@@ -128,8 +133,7 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
 
 Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& common) {
   ROTUNDA_ASSIGN_OR_RETURN(const FrameSet set, ReadFrameSet(arguments.frameset));
-  ROTUNDA_ASSIGN_OR_RETURN(const std::optional<Calibration> calibration,
-                           FindCalibration(arguments));
+  ROTUNDA_ASSIGN_OR_RETURN(const sfm::CalibrationInForce in_force, FindCalibration(arguments));
   ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineOptions options, MakeOptions(arguments));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
 
@@ -141,8 +145,8 @@ Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& c
                      },
                      arguments.seed};
   ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineResult result,
-                           sfm::RunPipeline(set, calibration, options, context));
-  ROTUNDA_RETURN_IF_ERROR(sfm::WriteResult(result, calibration, folder.path(), context));
+                           sfm::RunPipeline(set, in_force.calibration, options, context));
+  ROTUNDA_RETURN_IF_ERROR(sfm::WriteResult(result, in_force, folder.path(), context));
   if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
   ROTUNDA_RETURN_IF_ERROR(folder.Commit());
 
@@ -153,6 +157,74 @@ Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& c
     PrintTable(arguments, result, costs);
   }
   return {};
+}
+
+void AddFiles(CLI::App* command, ReconstructArguments& arguments) {
+  command->add_option("FRAMESET", arguments.frameset, "Frame set, or folder of pictures")
+      ->required();
+  command
+      ->add_option("--out", arguments.out,
+                   "Folder to make, in one that exists; if it is there it must be empty")
+      ->type_name("DIR")
+      ->required();
+  command
+      ->add_option(
+          "--calibration", arguments.calibration,
+          "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there. Its "
+          "page (FILE with .html for .json) is shown in the report")
+      ->type_name("FILE");
+}
+
+void AddMethodOptions(CLI::App* command, ReconstructArguments& arguments) {
+  AddChoice<sfm::Method>(
+      command, "--method", arguments.method,
+      "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
+      "plain: incremental SfM as it is",
+      {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
+  AddChoice<sfm::Preset>(
+      command, "--preset", arguments.preset,
+      "rig (default): the cameras surround the subject, and a result in which they "
+      "do not is unsure; internet: they may stand anywhere; literal: tc-sfm as "
+      "it was published, to compare with",
+      {{"rig", sfm::Preset::kRig},
+       {"internet", sfm::Preset::kInternet},
+       {"literal", sfm::Preset::kLiteral}});
+  command
+      ->add_option("--set", arguments.settings,
+                   "One option of the method by its name, for comparisons; a wrong name lists them")
+      ->type_name("NAME=VALUE");
+  AddChoice<sfm::PairSelection>(
+      command, "--pairs", arguments.pairs,
+      "Pairs to match: exhaustive (default), or neighbours = those whose calibrated views overlap "
+      "(faster, blind to swapped cameras)",
+      {{"exhaustive", sfm::PairSelection::kExhaustive},
+       {"neighbours", sfm::PairSelection::kNeighbours}});
+  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments.fix_intrinsics,
+                                       "Keep intrinsics (default when they are calibrated)");
+  command
+      ->add_flag("--refine-intrinsics", arguments.refine_intrinsics,
+                 "Refine focal length and distortion (default without a calibration)")
+      ->excludes(fix);
+}
+
+/// Where products in between come from and go to.
+void AddStageOptions(CLI::App* command, ReconstructArguments& arguments) {
+  command
+      ->add_option("--database", arguments.database,
+                   "Take keypoints and matches from this COLMAP database.db")
+      ->type_name("FILE");
+  CLI::Option* stages =
+      command
+          ->add_option("--stages", arguments.stages,
+                       "Folder to which features, matches, two-view geometries and, with "
+                       "--method plain, tracks are written")
+          ->type_name("DIR");
+  command
+      ->add_option("--start-from", arguments.start_from,
+                   "Read the products up to this one from --stages instead of making them; tracks "
+                   "only with --method plain")
+      ->check(CLI::IsMember({"features", "matches", "two-views", "tracks"}))
+      ->needs(stages);
 }
 
 }  // namespace
@@ -166,62 +238,9 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Done "
       "(exit status 0) also means that some cameras may be missing: see 'registered'.",
       "rotunda reconstruct captures/0042 --out captures/0042-poses");
-  command->add_option("FRAMESET", arguments->frameset, "Frame set, or folder of pictures")
-      ->required();
-  command
-      ->add_option("--out", arguments->out,
-                   "Folder to make, in one that exists; if it is there it must be empty")
-      ->type_name("DIR")
-      ->required();
-  command
-      ->add_option("--calibration", arguments->calibration,
-                   "Intrinsics, scale and rig frame; default: FRAMESET/calibration.json, if there")
-      ->type_name("FILE");
-  AddChoice<sfm::Method>(
-      command, "--method", arguments->method,
-      "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
-      "plain: incremental SfM as it is",
-      {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
-  AddChoice<sfm::Preset>(
-      command, "--preset", arguments->preset,
-      "rig (default): the cameras surround the subject, and a result in which they "
-      "do not is unsure; internet: they may stand anywhere; literal: tc-sfm as "
-      "it was published, to compare with",
-      {{"rig", sfm::Preset::kRig},
-       {"internet", sfm::Preset::kInternet},
-       {"literal", sfm::Preset::kLiteral}});
-  command
-      ->add_option("--set", arguments->settings,
-                   "One option of tc-sfm by its name, for comparisons; a wrong name lists them")
-      ->type_name("NAME=VALUE");
-  AddChoice<sfm::PairSelection>(
-      command, "--pairs", arguments->pairs,
-      "Pairs to match: exhaustive (default), or neighbours = those whose calibrated views overlap "
-      "(faster, blind to swapped cameras)",
-      {{"exhaustive", sfm::PairSelection::kExhaustive},
-       {"neighbours", sfm::PairSelection::kNeighbours}});
-  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments->fix_intrinsics,
-                                       "Keep intrinsics (default when they are calibrated)");
-  command
-      ->add_flag("--refine-intrinsics", arguments->refine_intrinsics,
-                 "Refine focal length and distortion (default without a calibration)")
-      ->excludes(fix);
-  command
-      ->add_option("--database", arguments->database,
-                   "Take keypoints and matches from this COLMAP database.db")
-      ->type_name("FILE");
-  CLI::Option* stages =
-      command
-          ->add_option("--stages", arguments->stages,
-                       "Folder to which features, matches, two-view geometries and, with "
-                       "--method plain, tracks are written")
-          ->type_name("DIR");
-  command
-      ->add_option("--start-from", arguments->start_from,
-                   "Read the products up to this one from --stages instead of making them; tracks "
-                   "only with --method plain")
-      ->check(CLI::IsMember({"features", "matches", "two-views", "tracks"}))
-      ->needs(stages);
+  AddFiles(command, *arguments);
+  AddMethodOptions(command, *arguments);
+  AddStageOptions(command, *arguments);
   AddSeed(command, arguments->seed, "Seed of all random sampling");
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {

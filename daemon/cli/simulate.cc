@@ -1,11 +1,13 @@
 #include "rig/sim/simulate.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "config/board_config.h"
 #include "config/sim_config.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/serve_cameras.h"
@@ -18,6 +20,7 @@ struct SimulateArguments {
   std::filesystem::path out;
   std::optional<std::filesystem::path> rig;
   std::optional<std::filesystem::path> board;
+  int placements = 0;
   sim::SimulateOptions options;
   ServeArguments serve;
 };
@@ -30,7 +33,7 @@ Status Simulate(const SimulateArguments& arguments, const CommonOptions& common)
     ROTUNDA_ASSIGN_OR_RETURN(rig, config::ReadRigOptions(*arguments.rig));
   }
   if (arguments.board) {
-    ROTUNDA_ASSIGN_OR_RETURN(options.cuboid, config::ReadCuboidOptions(*arguments.board));
+    ROTUNDA_ASSIGN_OR_RETURN(options.board, config::ReadBoard(*arguments.board));
   }
   if (arguments.serve.serve) return ServeCameras(arguments.serve, rig, options, common);
   ThreadPool threads(common.threads);
@@ -40,15 +43,19 @@ Status Simulate(const SimulateArguments& arguments, const CommonOptions& common)
                        progress.Update(stage, done, total);
                      },
                      options.seed};
-  ROTUNDA_RETURN_IF_ERROR(sim::SimulateFrameSet(rig, options, arguments.out, context));
+  ROTUNDA_RETURN_IF_ERROR(
+      arguments.placements > 0
+          ? sim::SimulatePlacements(rig, options, arguments.placements, arguments.out, context)
+          : sim::SimulateFrameSet(rig, options, arguments.out, context));
+  const int shots = std::max(arguments.placements, 1);
   const std::vector<StageCost> costs = progress.Finish();
   if (common.json) {
-    const nlohmann::ordered_json result = {{"out", arguments.out.string()},
-                                           {"cameras", options.cameras}};
+    const nlohmann::ordered_json result = {
+        {"out", arguments.out.string()}, {"cameras", options.cameras}, {"shots", shots}};
     std::printf("%s\n", result.dump(1).c_str());
   } else {
-    std::printf("Wrote %d pictures, truth.json and calibration.json to %s\n", options.cameras,
-                arguments.out.c_str());
+    std::printf("Wrote %d pictures, truth.json and calibration.json to %s\n",
+                shots * options.cameras, arguments.out.c_str());
     for (const StageCost& cost : costs) {
       std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,
                   cost.peak_memory_mb);
@@ -79,13 +86,27 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
   AddChoice<sim::Target>(command, "--target", options.target,
                          "What stands in the rig: body (default) or the ChArUco cuboid",
                          {{"body", sim::Target::kBody}, {"cuboid", sim::Target::kCuboid}});
-  command->add_option("--board", arguments->board, "The cuboid; default: config/cuboid.toml's")
+  command
+      ->add_option("--board", arguments->board,
+                   "With the target cuboid: a board file; default: config/cuboid.toml's")
       ->type_name("FILE");
+  command
+      ->add_option(
+          "--board-errors", options.board_errors,
+          "With the target cuboid: how far it is from its drawing, times 1 mm, 0.2 deg and "
+          "a bow of 0.5 mm a face; the same in every placement of a seed")
+      ->capture_default_str();
   command
       ->add_option("--placement", options.placement,
                    "With the target cuboid: where it stands, 0, 1, 2, ...")
       ->check(CLI::Range(0, 10000))
       ->capture_default_str();
+  command
+      ->add_option(
+          "--placements", arguments->placements,
+          "With the target cuboid: write that many frame sets, OUT/placement_00 and so on, "
+          "for a calibration")
+      ->check(CLI::Range(1, 10000));
   command->add_option("--body", options.body, "With the target body: procedural, or an .obj file")
       ->capture_default_str()
       ->type_name("procedural|FILE.obj");

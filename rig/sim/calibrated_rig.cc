@@ -21,6 +21,7 @@ Calibration DrawCalibration(const Calibration& truth, uint64_t seed) {
   Calibration calibration = truth;
   calibration.id = truth.id + "-calibration";
   calibration.source = CalibrationSource::kCharuco;
+  calibration.board.clear();
   Random random(Hash64(seed ^ kStream));
   for (CalibratedCamera& camera : calibration.cameras) {
     const Eigen::Vector3d center_m =

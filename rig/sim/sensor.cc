@@ -73,7 +73,7 @@ void Blur(float sigma_px, LightImage* image) {
 
 }  // namespace
 
-Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed) {
+Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed, uint64_t shot) {
   static const std::vector<float> kNormals = NormalTable();
   static const std::vector<uint8_t> kCurve = CurveTable();
   Random random(seed);
@@ -83,7 +83,8 @@ Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed) 
     const double colour = 1 + 0.01 * sensor.colour_spread_percent * random.Normal();
     factors[c] = static_cast<float>(kExposure * gain * colour);
   }
-  const uint64_t noise_seed = random.Bits();
+  const uint64_t camera_seed = random.Bits();
+  const uint64_t noise_seed = shot == 0 ? camera_seed : DeriveSeed(camera_seed, shot);
   LightImage blurred = light;
   Blur(static_cast<float>(sensor.blur_px), &blurred);
 

@@ -9,7 +9,8 @@
 namespace rotunda::sim {
 
 /// What the sensor makes of the lens's picture: blur, vignetting, this camera's gain and white
-/// balance, shot and read noise, the sRGB curve, 8 bits. `seed` is the camera's.
-Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed);
+/// balance, shot and read noise, the sRGB curve, 8 bits. `seed` is the camera's; `shot` tells the
+/// noise of its pictures apart.
+Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed, uint64_t shot);
 
 }  // namespace rotunda::sim

@@ -8,6 +8,7 @@
 #include <optional>
 #include <sstream>
 
+#include "rig/sim/board_object.h"
 #include "rig/sim/body_paint.h"
 #include "rig/sim/calibrated_rig.h"
 #include "rig/sim/lighting.h"
@@ -31,7 +32,8 @@ enum SeedOf : uint64_t {
   kGarmentSeed,
   kSkinSeed,
   kStudioSeed,
-  kNoiseSeed
+  kNoiseSeed,
+  kBoardSeed
 };
 
 constexpr float kBodyVoxel_m = 0.0035f;
@@ -47,7 +49,7 @@ std::string FileHash(const std::string& bytes) {
 
 Status Validate(const RigOptions& rig, const SimulateOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(rig.Validate());
-  if (options.target == Target::kCuboid) ROTUNDA_RETURN_IF_ERROR(options.cuboid.Validate());
+  if (options.target == Target::kCuboid) ROTUNDA_RETURN_IF_ERROR(options.board.Validate());
   const int most = rig.geometry.columns * rig.geometry.rows;
   const auto refused = [](const char* what, double value, const std::string& expected) {
     std::ostringstream text;
@@ -66,6 +68,9 @@ Status Validate(const RigOptions& rig, const SimulateOptions& options) {
   }
   if (options.placement < 0) {
     return refused("placement of the cuboid", options.placement, "0 or more");
+  }
+  if (!(options.board_errors >= 0 && options.board_errors <= 20)) {
+    return refused("errors of the board", options.board_errors, "0 to 20 (times the usual ones)");
   }
   if (options.target == Target::kBody && options.texture == GarmentTexture::kOwn &&
       options.body == "procedural") {
@@ -151,14 +156,45 @@ Status WritePictures(const World& world, const Calibration& truth, const RigOpti
   return {};
 }
 
+Calibration DrawTruth(const RigOptions& rig, const SimulateOptions& options) {
+  Calibration truth =
+      DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
+  truth.id = "simulated-" + std::to_string(options.seed);
+  if (options.target == Target::kCuboid) truth.board = BoardOf(options);
+  return truth;
+}
+
+/// A frame set into `folder`, which is there and empty.
+Status WriteShot(const RigOptions& rig, const Calibration& truth, const SimulateOptions& options,
+                 const std::filesystem::path& folder, RunContext& context) {
+  ROTUNDA_ASSIGN_OR_RETURN(const World world, BuildWorld(rig, options, context));
+  FrameSet set;
+  set.id = truth.id;
+  if (options.placement > 0) set.id += "-placement-" + std::to_string(options.placement);
+  set.captured_at = truth.created_at;
+  set.trigger["source"] = "simulated";
+  for (const CalibratedCamera& camera : truth.cameras) {
+    set.frames.push_back(DescribeFrame(camera, rig));
+  }
+  std::error_code failed;
+  std::filesystem::create_directory(folder / "frames", failed);
+  if (failed) return Error{ErrorCode::kIo, failed.message(), (folder / "frames").string()};
+  ROTUNDA_RETURN_IF_ERROR(WritePictures(world, truth, rig, options, folder, &set.frames, context));
+  ROTUNDA_RETURN_IF_ERROR(WriteFileAtomically(folder / "truth.json", CalibrationToJson(truth)));
+  ROTUNDA_RETURN_IF_ERROR(
+      WriteCalibration(DrawCalibration(truth, options.seed), folder / "calibration.json"));
+  return WriteFileAtomically(folder / "frameset.json", FrameSetToJson(set));
+}
+
 }  // namespace
 
 Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
-  Calibration truth =
-      DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
-  truth.id = "simulated-" + std::to_string(options.seed);
-  return truth;
+  return DrawTruth(rig, options);
+}
+
+std::vector<CalibratedFace> BoardOf(const SimulateOptions& options) {
+  return DrawBoard(options.board, options.board_errors, DeriveSeed(options.seed, kBoardSeed));
 }
 
 Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
@@ -166,7 +202,10 @@ Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
   World world;
   context.Report("world", 0, 2);
   if (options.target == Target::kCuboid) {
-    world.objects.push_back(MakeCuboid(options.cuboid, CuboidPlacement(options.placement)));
+    ROTUNDA_ASSIGN_OR_RETURN(
+        WorldObject target,
+        MakeBoardObject(options.board, BoardOf(options), BoardPlacement(options.placement)));
+    world.objects.push_back(std::move(target));
   } else if (options.body == "procedural") {
     world.objects.push_back(MakeProceduralBody(options, context));
   } else {
@@ -190,34 +229,37 @@ Picture RenderPicture(const World& world, const RayScene& scene, const Calibrate
       Eigen::Vector3f::Constant(studio ? kBackdropStudio : kBackdropPlain);
   const uint64_t name = XXH3_64bits(camera.camera.data(), camera.camera.size());
   const uint64_t seed = DeriveSeed(DeriveSeed(options.seed, kNoiseSeed), name);
-  return Expose(RenderLight(world, scene, camera, backdrop), sensor, seed);
+  return Expose(RenderLight(world, scene, camera, backdrop), sensor, seed,
+                static_cast<uint64_t>(options.placement));
 }
 
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context) {
-  ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, options));
+  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
-  ROTUNDA_ASSIGN_OR_RETURN(const World world, BuildWorld(rig, options, context));
-  FrameSet set;
-  set.id = truth.id;
-  set.captured_at = truth.created_at;
-  set.trigger["source"] = "simulated";
-  for (const CalibratedCamera& camera : truth.cameras) {
-    set.frames.push_back(DescribeFrame(camera, rig));
+  ROTUNDA_RETURN_IF_ERROR(WriteShot(rig, DrawTruth(rig, options), options, folder.path(), context));
+  return folder.Commit();
+}
+
+Status SimulatePlacements(const RigOptions& rig, const SimulateOptions& options, int count,
+                          const std::filesystem::path& out, RunContext& context) {
+  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  if (options.target != Target::kCuboid) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "several placements are of the target cuboid, not of a body", "placements"};
   }
-  std::error_code failed;
-  std::filesystem::create_directory(folder.path() / "frames", failed);
-  if (failed) {
-    return Error{ErrorCode::kIo, failed.message(), (folder.path() / "frames").string()};
+  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
+  const Calibration truth = DrawTruth(rig, options);
+  SimulateOptions shot = options;
+  for (int i = 0; i < count; ++i) {
+    shot.placement = options.placement + i;
+    char name[32];
+    std::snprintf(name, sizeof(name), "placement_%02d", shot.placement);
+    std::error_code failed;
+    std::filesystem::create_directory(folder.path() / name, failed);
+    if (failed) return Error{ErrorCode::kIo, failed.message(), (folder.path() / name).string()};
+    ROTUNDA_RETURN_IF_ERROR(WriteShot(rig, truth, shot, folder.path() / name, context));
   }
-  ROTUNDA_RETURN_IF_ERROR(
-      WritePictures(world, truth, rig, options, folder.path(), &set.frames, context));
-  ROTUNDA_RETURN_IF_ERROR(
-      WriteFileAtomically(folder.path() / "truth.json", CalibrationToJson(truth)));
-  ROTUNDA_RETURN_IF_ERROR(
-      WriteCalibration(DrawCalibration(truth, options.seed), folder.path() / "calibration.json"));
-  ROTUNDA_RETURN_IF_ERROR(
-      WriteFileAtomically(folder.path() / "frameset.json", FrameSetToJson(set)));
   return folder.Commit();
 }
 

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <string>
 
+#include "rig/board.h"
 #include "rig/sim/body_shape.h"
-#include "rig/sim/cuboid.h"
 #include "rig/sim/garment.h"
 #include "rig/sim/ray_scene.h"
 #include "rig/sim/rig_options.h"
@@ -22,9 +22,10 @@ enum class Background { kStudio, kPlain };
 
 struct SimulateOptions {
   Target target = Target::kBody;
-  CuboidOptions cuboid;
-  int placement = 0;                // of the cuboid; see CuboidPlacement
-  std::string body = "procedural";  // or the path of an .obj
+  rig::Board board = rig::CuboidBoard({});  // the target kCuboid: any board
+  double board_errors = 1.0;                // times BoardErrors; 0: the board is as drawn
+  int placement = 0;                        // of the board; see BoardPlacement
+  std::string body = "procedural";          // or the path of an .obj
   GarmentTexture texture = GarmentTexture::kUnique;
   Relief relief = Relief::kNatural;
   Cover cover = Cover::kNone;
@@ -37,6 +38,8 @@ struct SimulateOptions {
 
 /// The exact cameras of the simulated rig. kInvalidArgument names the option.
 Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options);
+/// The faces of the target as they really are: the same in every placement of a seed.
+std::vector<CalibratedFace> BoardOf(const SimulateOptions& options);
 
 /// Who or what stands in the rig, dressed and lit.
 Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
@@ -46,10 +49,16 @@ Result<World> BuildWorld(const RigOptions& rig, const SimulateOptions& options,
 Picture RenderPicture(const World& world, const RayScene& scene, const CalibratedCamera& camera,
                       const RigSensor& sensor, const SimulateOptions& options);
 
-/// Writes a frame set with truth.json and calibration.json (DrawCalibration) to `out`, which
-/// appears whole or not at all. The bytes depend on the options alone. kInvalidArgument names the
-/// option; kCancelled when stopped.
+/// Writes a frame set with truth.json (with the target, also its board) and calibration.json
+/// (DrawCalibration) to `out`, which appears whole or not at all. The bytes depend on the options
+/// alone. kInvalidArgument names the option; kCancelled when stopped.
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context);
+
+/// A set of `count` shots of the target for a calibration: the frame sets `out`/placement_00, ...,
+/// of the placements from options.placement on, all by the same rig and of the same target. `out`
+/// appears whole or not at all.
+Status SimulatePlacements(const RigOptions& rig, const SimulateOptions& options, int count,
+                          const std::filesystem::path& out, RunContext& context);
 
 }  // namespace rotunda::sim

@@ -9,6 +9,7 @@
 #include <random>
 
 #include "sfm/core/run_context.h"
+#include "sfm/core/statistics.h"
 
 namespace rotunda {
 namespace {
@@ -21,7 +22,6 @@ using Triple = std::array<size_t, 3>;
 constexpr double kMinSpreadRatio = 1e-6;
 constexpr size_t kMaxTriples = 500;
 constexpr double kInlierSigmas = 4.0;
-constexpr double kSigmaOfMedian = 1.4826;
 /// Residuals below this share of the points' spread are rounding.
 constexpr double kRounding = 1e-12;
 constexpr int kMaxRefits = 50;
@@ -67,12 +67,6 @@ std::vector<double> Residuals(const Sim3& target_from_source, const Points& sour
   return residuals;
 }
 
-double UpperMedian(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// All triples of n points when there are few, else a seeded sample.
 std::vector<Triple> Triples(size_t n, uint64_t seed) {
   std::vector<Triple> triples;
@@ -101,7 +95,7 @@ Result<Sim3> LeastMedianFit(const Points& source, const Points& target, uint64_t
     const Result<Sim3> fit =
         FitSim3({source[i], source[j], source[k]}, {target[i], target[j], target[k]}, true);
     if (!fit) continue;
-    const double median = UpperMedian(Residuals(*fit, source, target));
+    const double median = Median(Residuals(*fit, source, target));
     if (median < least) {
       least = median;
       best = *fit;
@@ -146,7 +140,7 @@ Result<RobustSim3> FitSim3Robust(const Points& source, const Points& target, uin
   const double floor = kRounding * std::sqrt(Covariance(target, target).trace());
   for (int refit = 0; refit < kMaxRefits; ++refit) {
     const std::vector<double> residuals = Residuals(result.target_from_source, source, target);
-    result.sigma = kSigmaOfMedian * UpperMedian(residuals);
+    result.sigma = kSigmaFromMedian * Median(residuals);
     std::vector<bool> inliers(source.size());
     for (size_t i = 0; i < source.size(); ++i) {
       inliers[i] = residuals[i] <= std::max(kInlierSigmas * result.sigma, floor);

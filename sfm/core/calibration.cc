@@ -19,6 +19,46 @@ constexpr std::array<std::pair<CalibrationSource, const char*>, 3> kSources = {{
     {CalibrationSource::kTruth, "truth"},
 }};
 
+/// Lower triangle, row by row.
+Json CovarianceJson(const Eigen::MatrixXd& covariance) {
+  Json numbers = Json::array();
+  for (Eigen::Index row = 0; row < covariance.rows(); ++row) {
+    for (Eigen::Index column = 0; column <= row; ++column) {
+      numbers.push_back(covariance(row, column));
+    }
+  }
+  return numbers;
+}
+
+Eigen::MatrixXd ReadCovariance(const JsonField& field, CameraModel model) {
+  const size_t size = 6 + CameraParamCount(model);
+  const std::vector<double> numbers = field.Numbers(size * (size + 1) / 2);
+  Eigen::MatrixXd covariance(size, size);
+  size_t next = 0;
+  for (Eigen::Index row = 0; row < covariance.rows(); ++row) {
+    for (Eigen::Index column = 0; column <= row; ++column) {
+      covariance(row, column) = covariance(column, row) = numbers[next++];
+    }
+  }
+  if (!(covariance.diagonal().minCoeff() >= 0)) field.Fail("a variance is negative");
+  return covariance;
+}
+
+Json FitJson(const CameraFit& fit) {
+  Json object;
+  object["corners"] = fit.corners;
+  object["kept"] = fit.kept;
+  object["rms_px"] = fit.rms_px;
+  object["projection_mean_px"] = fit.projection_mean_px;
+  object["projection_max_px"] = fit.projection_max_px;
+  return object;
+}
+
+CameraFit ReadFit(const JsonField& object) {
+  return {object["corners"].Unsigned(), object["kept"].Unsigned(), object["rms_px"].Number(),
+          object["projection_mean_px"].Number(), object["projection_max_px"].Number()};
+}
+
 Json CameraJson(const CalibratedCamera& camera) {
   Json object;
   object["camera"] = camera.camera;
@@ -26,6 +66,8 @@ Json CameraJson(const CalibratedCamera& camera) {
   AddIntrinsics(camera.intrinsics, object);
   object["cam_from_rig"] = Rigid3Json(camera.cam_from_rig);
   if (camera.sigma) object["sigma"] = SigmaJson(*camera.sigma);
+  if (camera.covariance) object["covariance"] = CovarianceJson(*camera.covariance);
+  if (camera.fit) object["fit"] = FitJson(*camera.fit);
   return object;
 }
 
@@ -37,7 +79,85 @@ CalibratedCamera ReadCamera(const JsonField& object) {
   camera.intrinsics = ReadIntrinsics(object);
   camera.cam_from_rig = ReadRigid3(object["cam_from_rig"]);
   if (object["sigma"].present()) camera.sigma = ReadSigma(object["sigma"]);
+  if (object["covariance"].present()) {
+    camera.covariance = ReadCovariance(object["covariance"], camera.intrinsics.model);
+  }
+  if (object["fit"].present()) camera.fit = ReadFit(object["fit"]);
   return camera;
+}
+
+Json FaceJson(const CalibratedFace& face) {
+  Json object;
+  object["face"] = face.face;
+  object["board_from_face"] = Rigid3Json(face.board_from_face);
+  object["bow_m"] = {face.bow_m.x(), face.bow_m.y()};
+  if (face.sigma) {
+    object["sigma"]["rotation_deg"] = face.sigma->rotation_deg;
+    object["sigma"]["position_mm"] = face.sigma->position_mm;
+    object["sigma"]["bow_mm"] = face.sigma->bow_mm;
+  }
+  return object;
+}
+
+CalibratedFace ReadFace(const JsonField& object) {
+  CalibratedFace face;
+  face.face = object["face"].String();
+  if (face.face.empty()) object["face"].Refuse("a face's name");
+  face.board_from_face = ReadRigid3(object["board_from_face"]);
+  const std::vector<double> bow_m = object["bow_m"].Numbers(2);
+  face.bow_m = Eigen::Vector2d(bow_m[0], bow_m[1]);
+  if (const JsonField sigma = object["sigma"]; sigma.present()) {
+    face.sigma = FaceSigma{sigma["rotation_deg"].Number(), sigma["position_mm"].Number(),
+                           sigma["bow_mm"].Number()};
+  }
+  return face;
+}
+
+std::vector<CalibratedFace> ReadFaces(const JsonField& board) {
+  std::vector<CalibratedFace> faces;
+  std::map<std::string, size_t> places;
+  for (const JsonField& item : board["faces"].Items()) {
+    faces.push_back(ReadFace(item));
+    const auto [place, is_new] = places.emplace(faces.back().face, places.size());
+    if (!is_new) {
+      item["face"].Fail("face \"" + place->first + "\" is already board.faces[" +
+                        std::to_string(place->second) + "]");
+    }
+  }
+  return faces;
+}
+
+Json ResidualsJson(const CalibrationResiduals& residuals) {
+  Json object;
+  object["corners"] = residuals.corners;
+  object["kept"] = residuals.kept;
+  object["rms_px"] = residuals.rms_px;
+  object["noise"] = residuals.noise;
+  const auto add = [&](const char* name, const std::optional<double>& value) {
+    if (value) object[name] = *value;
+  };
+  add("held_out_rms_px", residuals.held_out_rms_px);
+  add("held_out_p95_px", residuals.held_out_p95_px);
+  add("half_split_rotation_ratio", residuals.half_split_rotation_ratio);
+  add("half_split_position_ratio", residuals.half_split_position_ratio);
+  return object;
+}
+
+CalibrationResiduals ReadResiduals(const JsonField& object) {
+  CalibrationResiduals residuals;
+  residuals.corners = object["corners"].Unsigned();
+  residuals.kept = object["kept"].Unsigned();
+  residuals.rms_px = object["rms_px"].Number();
+  residuals.noise = object["noise"].Number();
+  const auto read = [&](const char* name) -> std::optional<double> {
+    if (!object[name].present()) return std::nullopt;
+    return object[name].Number();
+  };
+  residuals.held_out_rms_px = read("held_out_rms_px");
+  residuals.held_out_p95_px = read("held_out_p95_px");
+  residuals.half_split_rotation_ratio = read("half_split_rotation_ratio");
+  residuals.half_split_position_ratio = read("half_split_position_ratio");
+  return residuals;
 }
 
 CalibrationSource ReadSource(const JsonField& field) {
@@ -72,6 +192,10 @@ std::string CalibrationToJson(const Calibration& calibration) {
   for (const CalibratedCamera& camera : calibration.cameras) {
     root["cameras"].push_back(CameraJson(camera));
   }
+  for (const CalibratedFace& face : calibration.board) {
+    root["board"]["faces"].push_back(FaceJson(face));
+  }
+  if (calibration.residuals) root["residuals"] = ResidualsJson(*calibration.residuals);
   return JsonText(root);
 }
 
@@ -93,6 +217,8 @@ Result<Calibration> CalibrationFromJson(const std::string& text, const std::stri
                           std::to_string(place->second) + "]");
     }
   }
+  if (root["board"].present()) calibration.board = ReadFaces(root["board"]);
+  if (root["residuals"].present()) calibration.residuals = ReadResiduals(root["residuals"]);
   ROTUNDA_RETURN_IF_ERROR(reader.status());
   std::sort(calibration.cameras.begin(), calibration.cameras.end(), ByName);
   return calibration;

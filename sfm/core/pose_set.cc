@@ -97,6 +97,7 @@ Json SegmentJson(const SegmentSummary& segment) {
   if (!segment.side.empty()) object["side"] = segment.side;
   object["tracks"] = segment.tracks;
   object["cameras"] = segment.cameras;
+  if (!segment.look_alikes.empty()) object["look_alikes"] = segment.look_alikes;
   return object;
 }
 
@@ -108,6 +109,11 @@ SegmentSummary ReadSegment(const JsonField& object) {
   segment.side = ReadSide(object["side"]);
   segment.tracks = object["tracks"].Unsigned();
   segment.cameras = object["cameras"].Unsigned();
+  if (object["look_alikes"].present()) {
+    for (const JsonField& id : object["look_alikes"].Items()) {
+      segment.look_alikes.push_back(ReadId(id));
+    }
+  }
   return segment;
 }
 

@@ -46,6 +46,7 @@ struct SegmentSummary {
   std::string side;
   size_t tracks = 0;
   size_t cameras = 0;
+  std::vector<uint32_t> look_alikes;  // ids of segments, the most alike first; itself when periodic
 };
 
 struct PoseSummary {

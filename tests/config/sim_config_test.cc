@@ -23,17 +23,6 @@ TEST(SimConfig, ShippedRigHoldsTheDefaults) {
   EXPECT_EQ(rig->sensor.exposure_us, defaults.exposure_us);
 }
 
-TEST(SimConfig, ShippedCuboidHoldsTheDefaults) {
-  const auto cuboid = ReadCuboidOptions(kConfig / "cuboid.toml");
-  ASSERT_TRUE(cuboid) << cuboid.error().ToString();
-  const sim::CuboidOptions defaults;
-  EXPECT_EQ(cuboid->columns, defaults.columns);
-  EXPECT_EQ(cuboid->rows, defaults.rows);
-  EXPECT_EQ(cuboid->square_mm, defaults.square_mm);
-  EXPECT_EQ(cuboid->marker_mm, defaults.marker_mm);
-  EXPECT_EQ(cuboid->margin_mm, defaults.margin_mm);
-}
-
 TEST(SimConfig, ValuesArriveInTheirFields) {
   const auto rig =
       ParseRigOptions("[rig]\nrows = 3\nradius_mm = 2000\n[jitter]\nroll_deg=0.5\n", "f");
@@ -72,19 +61,6 @@ INSTANTIATE_TEST_SUITE_P(
                 "is nan, allowed is 0 to"},
         BadText{"rig = 3\n", "my.toml:1: rig", "expected a table"},
         BadText{"[rig]\nrows = = 3\n", "my.toml:2", ""}));
-
-TEST(SimConfig, EvenRowsOfTheCuboidAreRefused) {
-  const auto cuboid = ParseCuboidOptions("[cuboid]\nrows = 24\n", "box.toml");
-  ASSERT_FALSE(cuboid);
-  EXPECT_EQ(cuboid.error().context, "box.toml:2: cuboid.rows");
-  EXPECT_NE(cuboid.error().message.find("odd"), std::string::npos);
-}
-
-TEST(SimConfig, MoreTagsThanTheFamilyHasAreRefused) {
-  const auto cuboid = ParseCuboidOptions("[cuboid]\nrows = 45\ncolumns = 9\n", "box.toml");
-  ASSERT_FALSE(cuboid);
-  EXPECT_NE(cuboid.error().message.find("587"), std::string::npos);
-}
 
 TEST(SimConfig, MissingFileIsNamed) {
   const auto rig = ReadRigOptions("/nonexistent/rig.toml");

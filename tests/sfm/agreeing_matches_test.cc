@@ -27,12 +27,17 @@ const TwoView* Find(const TwoViews& views, const ImagePair& pair) {
   return nullptr;
 }
 
+TwoViews AgreeingWith(const Reconstruction& model, const SyntheticWorld& world, int threads = 2) {
+  ThreadPool pool(threads);
+  RunContext context{pool};
+  return AgreeingMatches(model, world.features, world.two_views, {}, context);
+}
+
 TEST(AgreeingMatches, CrossedPairsAreLeftOutAndTrueOnesKept) {
   const LookAlikeWorld look_alike = MakeLookAlikeWorld(FoldingOptions());
   const SyntheticWorld& world = look_alike.world;
   ASSERT_GT(look_alike.crossed_pairs, 50u);
-  const TwoViews agreeing =
-      AgreeingMatches(TrueReconstruction(world), world.features, world.two_views, {});
+  const TwoViews agreeing = AgreeingWith(TrueReconstruction(world), world);
   EXPECT_TRUE(std::is_sorted(agreeing.pairs.begin(), agreeing.pairs.end(),
                              [](const TwoView& a, const TwoView& b) { return a.pair < b.pair; }));
   for (const TwoView& view : world.two_views.pairs) {
@@ -50,8 +55,7 @@ TEST(AgreeingMatches, WrongMatchesOfATruePairGo) {
   SyntheticOptions options;
   options.wrong_match_share = 0.3;
   const SyntheticWorld world = MakeSyntheticWorld(options);
-  const TwoViews agreeing =
-      AgreeingMatches(TrueReconstruction(world), world.features, world.two_views, {});
+  const TwoViews agreeing = AgreeingWith(TrueReconstruction(world), world);
   double wrong = 0, wrong_kept = 0;
   for (const TwoView& all : world.two_views.pairs) {
     if (all.inliers.size() < 30) continue;  // may be left with fewer than 15
@@ -82,8 +86,7 @@ TEST(AgreeingMatches, TheModelsRelativePoseReplacesTheEstimatedOne) {
   const Rigid3 truth = estimated.second_from_first;
   estimated.second_from_first.rotation =
       Eigen::AngleAxisd(RadFromDeg(20), Eigen::Vector3d::UnitY()) * truth.rotation;
-  const TwoViews agreeing =
-      AgreeingMatches(TrueReconstruction(world), world.features, world.two_views, {});
+  const TwoViews agreeing = AgreeingWith(TrueReconstruction(world), world);
   const TwoView* kept = Find(agreeing, estimated.pair);
   ASSERT_TRUE(kept);
   EXPECT_LT(RotationAngle_rad(kept->second_from_first.rotation, truth.rotation), 1e-7);
@@ -108,7 +111,7 @@ TEST(AgreeingMatches, PairsThatDoNotCountAreLeftOut) {
   pair(0).kind = TwoViewKind::kPanoramic;
   pair(1).inliers.resize(14);  // one less than enough
   pair(2).inliers.resize(15);
-  const TwoViews agreeing = AgreeingMatches(model, world.features, world.two_views, {});
+  const TwoViews agreeing = AgreeingWith(model, world);
   EXPECT_EQ(agreeing.pairs.size(), usable.size() - 2);
   EXPECT_FALSE(Find(agreeing, pair(0).pair));
   EXPECT_FALSE(Find(agreeing, pair(1).pair));
@@ -128,13 +131,26 @@ TEST(AgreeingMatches, APairOfWhichMostMatchesDisagreeIsLeftOut) {
       k.x_px += 100;
       k.y_px += 100;
     }
-    const TwoViews agreeing =
-        AgreeingMatches(TrueReconstruction(world), world.features, world.two_views, {});
+    const TwoViews agreeing = AgreeingWith(TrueReconstruction(world), world);
     const TwoView* kept = Find(agreeing, view.pair);
     EXPECT_EQ(kept != nullptr, wrong_share < 0.5) << wrong_share;
     if (kept) {
       EXPECT_EQ(kept->inliers.size(), view.inliers.size() - wrong);
     }
+  }
+}
+
+TEST(AgreeingMatches, IsTheSameOnAnyNumberOfThreads) {
+  SyntheticOptions options;
+  options.wrong_match_share = 0.3;
+  const SyntheticWorld world = MakeSyntheticWorld(options);
+  const Reconstruction model = TrueReconstruction(world);
+  const TwoViews one = AgreeingWith(model, world, 1), three = AgreeingWith(model, world, 3);
+  ASSERT_EQ(one.pairs.size(), three.pairs.size());
+  for (size_t v = 0; v < one.pairs.size(); ++v) {
+    EXPECT_EQ(one.pairs[v].pair, three.pairs[v].pair);
+    EXPECT_EQ(one.pairs[v].inliers, three.pairs[v].inliers);
+    EXPECT_EQ(one.pairs[v].second_from_first.Matrix(), three.pairs[v].second_from_first.Matrix());
   }
 }
 

@@ -9,6 +9,8 @@
 #include <opencv2/imgproc.hpp>
 #include <random>
 
+#include "tests/support/picture_set.h"
+
 namespace rotunda::sfm {
 namespace {
 
@@ -16,32 +18,13 @@ namespace fs = std::filesystem;
 
 class FeaturesTest : public testing::Test {
  protected:
-  void SetUp() override {
-    set_.folder =
-        fs::temp_directory_path() / ("rotunda_features_" + std::to_string(::getpid()) + "_" +
-                                     testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::create_directories(set_.folder);
-  }
-  void TearDown() override { fs::remove_all(set_.folder); }
-
-  void Add(const cv::Mat& picture, const std::string& status = "ok") {
-    Frame frame;
-    frame.camera = "c" + std::to_string(set_.frames.size());
-    frame.file = frame.camera + ".png";
-    frame.width_px = picture.cols;
-    frame.height_px = picture.rows;
-    frame.pixel_format = picture.channels() == 1 ? "Mono8" : "RGB8";
-    frame.status = status;
-    cv::imwrite((set_.folder / frame.file).string(), picture);
-    set_.frames.push_back(frame);
-  }
   Result<Features> Build(const FeatureOptions& options = {}, int threads = 1) const {
     ThreadPool pool(threads);
     RunContext context{pool};
-    return BuildFeatures(set_, options, context);
+    return BuildFeatures(pictures_.set, options, context);
   }
 
-  FrameSet set_;
+  test::PictureSet pictures_;
 };
 
 /// A Gaussian blob on grey; pixel (0, 0) has its centre at (0.5, 0.5).
@@ -80,7 +63,7 @@ TEST_F(FeaturesTest, KeypointsSitOnTheBlobAtEveryOctave) {
       const double middle = 20 * sigma_px + 16;
       truth.push_back({middle + static_cast<double>(random() % 1000) / 500,
                        middle - static_cast<double>(random() % 1000) / 500, sigma_px});
-      Add(Blob(truth.back().x_px, truth.back().y_px, sigma_px, i % 2 == 0 ? 100 : -100));
+      pictures_.Add(Blob(truth.back().x_px, truth.back().y_px, sigma_px, i % 2 == 0 ? 100 : -100));
     }
   }
   const auto features = Build({.contrast_threshold = 0.02});
@@ -122,8 +105,8 @@ cv::Mat Texture(uint64_t seed, int width, int height) {
 TEST_F(FeaturesTest, FaintPicturesAreSearchedAgain) {
   cv::Mat faint;
   Texture(7, 320, 240).convertTo(faint, CV_8UC3, 0.12, 110);
-  Add(Texture(7, 320, 240));
-  Add(faint);
+  pictures_.Add(Texture(7, 320, 240));
+  pictures_.Add(faint);
   const auto once = Build({.enough_keypoints = 0});
   const auto again = Build({.enough_keypoints = 150});
   ASSERT_TRUE(once.ok() && again.ok());
@@ -138,8 +121,8 @@ TEST_F(FeaturesTest, DescriptorsAreRootSiftAndTurnWithThePicture) {
   const cv::Mat texture = Texture(1, 200, 160);
   cv::Mat turned;
   cv::rotate(texture, turned, cv::ROTATE_90_CLOCKWISE);
-  Add(texture);
-  Add(turned);
+  pictures_.Add(texture);
+  pictures_.Add(turned);
   const auto features = Build();
   ASSERT_TRUE(features.ok());
   const ImageFeatures &a = features->images[0], &b = features->images[1];
@@ -168,7 +151,7 @@ TEST_F(FeaturesTest, DescriptorsAreRootSiftAndTurnWithThePicture) {
 }
 
 TEST_F(FeaturesTest, KeepsTheStrongestAndAtMostTwoOrientations) {
-  Add(Texture(2, 300, 300));
+  pictures_.Add(Texture(2, 300, 300));
   const auto all = Build(), few = Build({.max_keypoints = 100});
   ASSERT_TRUE(all.ok() && few.ok());
   const std::vector<Keypoint>&strong = few->images[0].keypoints, &every = all->images[0].keypoints;
@@ -190,7 +173,7 @@ TEST_F(FeaturesTest, KeepsTheStrongestAndAtMostTwoOrientations) {
 TEST_F(FeaturesTest, ColoursAreThePictures) {
   cv::Mat picture(100, 100, CV_8UC3, cv::Scalar(10, 20, 30));
   cv::circle(picture, {50, 50}, 8, cv::Scalar(200, 150, 100), cv::FILLED);
-  Add(picture);
+  pictures_.Add(picture);
   const auto features = Build();
   ASSERT_TRUE(features.ok());
   const ImageFeatures& image = features->images[0];
@@ -217,9 +200,9 @@ TEST_F(FeaturesTest, SameOnAnyNumberOfThreads) {
 }
 
 TEST_F(FeaturesTest, MissingFramesAndBlankPicturesHaveNoKeypoints) {
-  Add(Texture(1, 80, 60), "missing");
-  fs::remove(set_.folder / "c0.png");
-  Add(cv::Mat(60, 80, CV_8UC3, cv::Scalar(128, 128, 128)));
+  pictures_.Add(Texture(1, 80, 60), "missing");
+  fs::remove(pictures_.set.folder / "c0.png");
+  pictures_.Add(cv::Mat(60, 80, CV_8UC3, cv::Scalar(128, 128, 128)));
   const auto features = Build();
   ASSERT_TRUE(features.ok());
   ASSERT_EQ(features->images.size(), 2U);
@@ -231,16 +214,17 @@ TEST_F(FeaturesTest, MissingFramesAndBlankPicturesHaveNoKeypoints) {
 }
 
 TEST_F(FeaturesTest, BadPicturesAreNamed) {
-  Add(Texture(1, 80, 60));
-  Add(Texture(2, 80, 60));
-  fs::resize_file(set_.folder / "c1.png", fs::file_size(set_.folder / "c1.png") / 2);
+  pictures_.Add(Texture(1, 80, 60));
+  pictures_.Add(Texture(2, 80, 60));
+  fs::resize_file(pictures_.set.folder / "c1.png",
+                  fs::file_size(pictures_.set.folder / "c1.png") / 2);
   const auto cut = Build();
   ASSERT_FALSE(cut.ok());
   EXPECT_EQ(cut.error().code, ErrorCode::kBadInput);
   EXPECT_NE(cut.error().context.find("c1.png"), std::string::npos);
 
-  set_.frames.pop_back();
-  set_.frames[0].width_px = 81;
+  pictures_.set.frames.pop_back();
+  pictures_.set.frames[0].width_px = 81;
   const auto other_size = Build();
   ASSERT_FALSE(other_size.ok());
   EXPECT_NE(other_size.error().message.find("80x60"), std::string::npos);

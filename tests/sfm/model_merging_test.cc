@@ -14,23 +14,17 @@ namespace rotunda::sfm {
 namespace {
 
 using test::AddLookAlikePair;
+using test::Columns;
 using test::ErrorsOf;
 using test::EstimateTwoViews;
 using test::KeepPairs;
+using test::kRingImages;
 using test::MakePartialModel;
 using test::MakeSyntheticWorld;
 using test::SyntheticOptions;
 using test::SyntheticWorld;
 
 constexpr uint64_t kSeed = 7;
-constexpr size_t kImages = 24;  // 12 columns of 2
-
-/// The images of `columns` columns from `first` on, around the ring.
-std::vector<ImageId> Columns(size_t first, size_t columns) {
-  std::vector<ImageId> images;
-  for (size_t k = 0; k < 2 * columns; ++k) images.push_back(ImageId((2 * first + k) % kImages));
-  return images;
-}
 
 class ModelMergingTest : public ::testing::Test {
  protected:
@@ -56,9 +50,8 @@ class ModelMergingTest : public ::testing::Test {
   /// is carried across the seam into the next, and the seam itself adds less than that.
   void ExpectWhole(const Result<MergeResult>& result, const std::vector<Reconstruction>& parts) {
     ASSERT_TRUE(result) << result.error().ToString();
-    for (const MergeAttempt& refusal : result->refusals) ADD_FAILURE() << refusal.refusal;
+    for (const std::string& refusal : result->refusals) ADD_FAILURE() << refusal;
     ASSERT_EQ(result->models.size(), 1u);
-    EXPECT_EQ(result->merges.size(), parts.size() - 1);
     double rotation_rad = 0, position_m = 0;
     for (const Reconstruction& part : parts) {
       const test::PoseErrors errors = ErrorsOf(part, world_.cam_from_world);
@@ -98,7 +91,7 @@ class ModelMergingTest : public ::testing::Test {
     size_t count = 0;
     for (const size_t step : {12, 13, 11, 14, 10}) {
       for (size_t i = 0; i < 12 && count < most; ++i) {
-        if (i + step < 12 || i + step >= kImages) continue;
+        if (i + step < 12 || i + step >= kRingImages) continue;
         count += AddLookAlikePair(world_, ImageId(i), ImageId(i + step));
       }
     }
@@ -118,12 +111,10 @@ TEST_F(ModelMergingTest, JoinsByCrossPairsAlone) {
   const std::vector<Reconstruction> parts = {Part(Columns(0, 5), 1), Part(Columns(5, 7), 2)};
   const auto result = Merge(parts);
   ExpectWhole(result, parts);
-  const MergeAttempt& merge = result->merges[0];
-  EXPECT_EQ(merge.source, std::vector<size_t>{0});  // the smaller one
-  EXPECT_EQ(merge.target, std::vector<size_t>{1});
-  EXPECT_EQ(merge.evidence.common_cameras, 0u);
-  EXPECT_EQ(merge.evidence.agreeing_pairs, merge.evidence.cross_pairs);
-  EXPECT_EQ(result->sources, (std::vector<std::vector<size_t>>{{0, 1}}));
+  // The larger one stays where it is.
+  const size_t kept = Columns(5, 7)[0].index();
+  EXPECT_EQ(result->models[0].cam_from_model[kept]->Matrix(),
+            parts[1].cam_from_model[kept]->Matrix());
   // Points that both had are one: fewer than before, and some seen from both sides.
   const Reconstruction& model = result->models[0];
   EXPECT_LT(model.points.size(), parts[0].points.size() + parts[1].points.size());
@@ -142,21 +133,16 @@ TEST_F(ModelMergingTest, JoinsByCommonCamerasAlone) {
   const std::vector<Reconstruction> parts = {Part(Columns(0, 7), 1), Part(Columns(6, 7), 2)};
   const auto result = Merge(parts);
   ExpectWhole(result, parts);
-  EXPECT_EQ(result->merges[0].evidence.common_cameras, 4u);
-  EXPECT_EQ(result->merges[0].evidence.agreeing_cameras, 4u);
-  EXPECT_EQ(result->merges[0].evidence.cross_pairs, 0u);
 }
 
 TEST_F(ModelMergingTest, LookAlikePairsInTheMinorityDoNotFoldIt) {
   const std::vector<Reconstruction> parts = {Part(Columns(0, 6), 1), Part(Columns(6, 6), 2)};
-  const auto clean = Merge(parts);
-  ASSERT_TRUE(clean && clean->merges.size() == 1u);
-  const size_t pairs = clean->merges[0].evidence.cross_pairs;
+  const auto pairs = static_cast<size_t>(std::count_if(
+      world_.two_views.pairs.begin(), world_.two_views.pairs.end(), [](const TwoView& view) {
+        return (view.pair.first.index() < 12) != (view.pair.second.index() < 12);
+      }));
   ASSERT_EQ(AddLookAlikes(pairs / 4), pairs / 4);  // a fifth of all
-  const auto result = Merge(parts);
-  ExpectWhole(result, parts);
-  EXPECT_GT(result->merges[0].evidence.rival_weight, 0.0);
-  EXPECT_LE(result->merges[0].evidence.agreeing_pairs, pairs);
+  ExpectWhole(Merge(parts), parts);
 }
 
 TEST_F(ModelMergingTest, JoinsAChainOfThree) {
@@ -165,10 +151,7 @@ TEST_F(ModelMergingTest, JoinsAChainOfThree) {
             [&](const ImagePair& pair) { return part_of(pair.second) - part_of(pair.first) <= 1; });
   const std::vector<Reconstruction> parts = {Part(Columns(0, 4), 1), Part(Columns(8, 4), 2),
                                              Part(Columns(4, 4), 3)};
-  const auto result = Merge(parts);
-  ExpectWhole(result, parts);
-  EXPECT_EQ(result->sources, (std::vector<std::vector<size_t>>{{0, 1, 2}}));
-  EXPECT_EQ(result->merges[1].evidence.common_cameras, 0u);
+  ExpectWhole(Merge(parts), parts);
 }
 
 TEST_F(ModelMergingTest, JoinsWhatOnlyTogetherHasTheSupport) {
@@ -186,8 +169,7 @@ TEST_F(ModelMergingTest, JoinsWhatOnlyTogetherHasTheSupport) {
   const auto apart = Merge({parts[0], parts[2]});
   ASSERT_TRUE(apart);
   ASSERT_EQ(apart->refusals.size(), 1u);
-  EXPECT_EQ(apart->refusals[0].refusal.rfind("too little support", 0), 0u)
-      << apart->refusals[0].refusal;
+  EXPECT_EQ(apart->refusals[0].rfind("too little support", 0), 0u) << apart->refusals[0];
   ExpectWhole(Merge(parts), parts);
 }
 
@@ -197,13 +179,10 @@ TEST_F(ModelMergingTest, LeavesApartWhatNothingConnects) {
   const auto result = Merge(parts);
   ASSERT_TRUE(result) << result.error().ToString();
   ASSERT_EQ(result->models.size(), 2u);
-  EXPECT_TRUE(result->merges.empty());
   EXPECT_TRUE(result->refusals.empty());
-  for (size_t m = 0; m < 2; ++m) {
-    const size_t part = result->sources[m].at(0);
-    EXPECT_EQ(result->models[m].points.size(), parts[part].points.size());
-    EXPECT_EQ(result->models[m].points[0].position, parts[part].points[0].position);
-  }
+  const size_t first = result->models[0].Registered(ImageId(0)) ? 0 : 1;
+  EXPECT_EQ(test::Difference(result->models[first], parts[0]), "");
+  EXPECT_EQ(test::Difference(result->models[1 - first], parts[1]), "");
 }
 
 TEST_F(ModelMergingTest, RefusesWhenTheSupportContradictsItself) {
@@ -213,9 +192,7 @@ TEST_F(ModelMergingTest, RefusesWhenTheSupportContradictsItself) {
   ASSERT_TRUE(result) << result.error().ToString();
   EXPECT_EQ(result->models.size(), 2u);
   ASSERT_EQ(result->refusals.size(), 1u);
-  const MergeAttempt& refusal = result->refusals[0];
-  EXPECT_EQ(refusal.refusal.rfind("contradictory support", 0), 0u) << refusal.refusal;
-  EXPECT_GT(2.0 * refusal.evidence.rival_weight, refusal.evidence.support_weight);
+  EXPECT_EQ(result->refusals[0].rfind("contradictory support", 0), 0u) << result->refusals[0];
 }
 
 TEST_F(ModelMergingTest, ACameraWronglyPlacedInOneModelKeepsItsRightPose) {
@@ -227,10 +204,7 @@ TEST_F(ModelMergingTest, ACameraWronglyPlacedInOneModelKeepsItsRightPose) {
   const Rigid3 turn = {Eigen::Quaterniond(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitZ())),
                        Eigen::Vector3d::Zero()};
   parts[0].cam_from_model[common.index()] = turn * *parts[0].cam_from_model[common.index()];
-  const auto result = Merge(parts);
-  ExpectWhole(result, right);
-  EXPECT_EQ(result->merges[0].evidence.common_cameras, 4u);
-  EXPECT_EQ(result->merges[0].evidence.agreeing_cameras, 3u);
+  ExpectWhole(Merge(parts), right);
 }
 
 TEST_F(ModelMergingTest, EveryReadingOfThePaperJoins) {
@@ -253,21 +227,7 @@ TEST_F(ModelMergingTest, IsTheSameOnAnyNumberOfThreads) {
   const auto one =
       MergeModels({world_.features, world_.two_views, world_.view_graph}, parts, {}, serial);
   ASSERT_TRUE(one && two);
-  ASSERT_EQ(one->models.size(), two->models.size());
-  for (size_t m = 0; m < one->models.size(); ++m) {
-    const Reconstruction &a = one->models[m], &b = two->models[m];
-    ASSERT_EQ(a.points.size(), b.points.size());
-    for (size_t p = 0; p < a.points.size(); ++p) {
-      EXPECT_EQ(a.points[p].position, b.points[p].position);
-      EXPECT_EQ(a.points[p].observations, b.points[p].observations);
-    }
-    for (size_t i = 0; i < kImages; ++i) {
-      ASSERT_EQ(a.cam_from_model[i].has_value(), b.cam_from_model[i].has_value());
-      if (a.cam_from_model[i]) {
-        EXPECT_EQ(a.cam_from_model[i]->Matrix(), b.cam_from_model[i]->Matrix());
-      }
-    }
-  }
+  EXPECT_EQ(test::Difference(one->models, two->models), "");
 }
 
 TEST_F(ModelMergingTest, RefusesBadInputAndStops) {

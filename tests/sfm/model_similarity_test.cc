@@ -16,22 +16,16 @@ namespace rotunda::sfm {
 namespace {
 
 using test::AddLookAlikePair;
+using test::Columns;
 using test::ErrorsOf;
 using test::EstimateTwoViews;
+using test::kRingImages;
 using test::MakePartialModel;
 using test::MakeSyntheticWorld;
 using test::SyntheticOptions;
 using test::SyntheticWorld;
 
 constexpr uint64_t kSeed = 7;
-constexpr size_t kImages = 24;  // 12 columns of 2
-
-/// The images of `columns` columns from `first` on, around the ring.
-std::vector<ImageId> Columns(size_t first, size_t columns) {
-  std::vector<ImageId> images;
-  for (size_t k = 0; k < 2 * columns; ++k) images.push_back(ImageId((2 * first + k) % kImages));
-  return images;
-}
 
 /// Two models of one world and their links.
 struct Pair {
@@ -190,8 +184,8 @@ std::array<double, 2> WrongAndRight(const Pair& pair) {
 template <typename Enough>
 size_t AddLookAlikes(Pair& pair, const Enough& enough) {
   size_t count = 0;
-  for (size_t step = 0; step < kImages * kImages && !enough(count); ++step) {
-    const size_t a = step % kImages, b = step / kImages;
+  for (size_t step = 0; step < kRingImages * kRingImages && !enough(count); ++step) {
+    const size_t a = step % kRingImages, b = step / kRingImages;
     // Where the first camera stands after half a turn the second is within two columns.
     const size_t distance = (b / 2 + 18 - a / 2) % 12;
     if (a >= b || std::min(distance, 12 - distance) > 2) continue;
@@ -243,15 +237,15 @@ TEST_F(ModelSimilarityTest, NoLinkIsNoSimilarity) {
 /// over.
 std::array<double, 2> MergedErrors(const Pair& pair, const Sim3& target_from_source) {
   Reconstruction merged = pair.target;
-  for (size_t i = 0; i < kImages; ++i) {
+  for (size_t i = 0; i < kRingImages; ++i) {
     auto& pose = merged.cam_from_model[i];
     if (!pose) pose = TransformPose(target_from_source, *pair.source.cam_from_model[i]);
   }
   const test::PoseErrors errors = ErrorsOf(merged, pair.world.cam_from_world);
   std::array<double, 2> squares = {0, 0};
   for (size_t k = 0; k < errors.images.size(); ++k) {
-    squares[0] += std::pow(errors.rotation_rad[k], 2) / kImages;
-    squares[1] += std::pow(errors.position[k], 2) / kImages;
+    squares[0] += std::pow(errors.rotation_rad[k], 2) / kRingImages;
+    squares[1] += std::pow(errors.position[k], 2) / kRingImages;
   }
   return {std::sqrt(squares[0]), std::sqrt(squares[1])};
 }

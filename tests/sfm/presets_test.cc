@@ -8,6 +8,13 @@
 namespace rotunda::sfm {
 namespace {
 
+/// Options of the method that the key acts on.
+PipelineOptions OptionsFor(std::string_view key) {
+  PipelineOptions options;
+  if (key.starts_with("literal-")) ApplyPreset(Preset::kLiteral, options);
+  return options;
+}
+
 std::string RefusalOf(std::string_view key, std::string_view value) {
   PipelineOptions options;
   const Status status = SetOption(key, value, options);
@@ -21,8 +28,7 @@ TEST(Presets, TheRigIsTheDefault) {
   ApplyPreset(Preset::kRig, options);
   const PipelineOptions defaults;
   EXPECT_EQ(options.method, Method::kTcSfm);
-  EXPECT_EQ(options.tc_sfm.consistency.least_sure_weight,
-            defaults.tc_sfm.consistency.least_sure_weight);
+  EXPECT_EQ(options.tc_sfm.max_gap_deg, defaults.tc_sfm.max_gap_deg);
   EXPECT_EQ(options.segments.min_diversity, defaults.segments.min_diversity);
 }
 
@@ -51,47 +57,79 @@ TEST(Presets, LiteralIsThePapersReading) {
 }
 
 TEST(SetOption, SwitchesGoOnAndOff) {
-  PipelineOptions options;
-  const std::vector<std::pair<const char*, const bool*>> switches = {
-      {"consistent-view-graph", &options.tc_sfm.consistent_view_graph},
-      {"unfolding", &options.tc_sfm.unfolding},
-      {"obstacles", &options.tc_sfm.covisibility.obstacles},
-      {"bidirectional", &options.tc_sfm.merging.bidirectional},
-      {"literal-weighted-track-graph", &options.literal.track_graph.weighted},
-      {"literal-mean-cost", &options.literal.merging.mean_cost},
-      {"literal-bidirectional", &options.literal.merging.bidirectional},
+  using Field = bool& (*)(PipelineOptions&);
+  const std::vector<std::pair<const char*, Field>> switches = {
+      {"consistent-view-graph",
+       [](PipelineOptions& o) -> bool& { return o.tc_sfm.consistent_view_graph; }},
+      {"unfolding", [](PipelineOptions& o) -> bool& { return o.tc_sfm.unfolding; }},
+      {"obstacles", [](PipelineOptions& o) -> bool& { return o.tc_sfm.covisibility.obstacles; }},
+      {"bidirectional", [](PipelineOptions& o) -> bool& { return o.tc_sfm.merging.bidirectional; }},
+      {"literal-weighted-track-graph",
+       [](PipelineOptions& o) -> bool& { return o.literal.track_graph.weighted; }},
+      {"literal-mean-cost",
+       [](PipelineOptions& o) -> bool& { return o.literal.merging.mean_cost; }},
+      {"literal-bidirectional",
+       [](PipelineOptions& o) -> bool& { return o.literal.merging.bidirectional; }},
   };
   for (const auto& [key, field] : switches) {
+    PipelineOptions options = OptionsFor(key);
     ASSERT_TRUE(SetOption(key, "off", options).ok()) << key;
-    EXPECT_FALSE(*field) << key;
+    EXPECT_FALSE(field(options)) << key;
     ASSERT_TRUE(SetOption(key, "on", options).ok()) << key;
-    EXPECT_TRUE(*field) << key;
+    EXPECT_TRUE(field(options)) << key;
     EXPECT_FALSE(SetOption(key, "yes", options).ok()) << key;
     EXPECT_FALSE(SetOption(key, "", options).ok()) << key;
-    EXPECT_TRUE(*field) << key << ": a refused value changes nothing";
+    EXPECT_TRUE(field(options)) << key << ": a refused value changes nothing";
   }
 }
 
 TEST(SetOption, NumbersAreReadToTheirEnd) {
-  PipelineOptions options;
-  const std::vector<std::pair<const char*, const double*>> numbers = {
-      {"reprojection-weight", &options.tc_sfm.merging.reprojection_weight},
-      {"literal-reprojection-weight", &options.literal.merging.reprojection_weight},
-      {"contrast", &options.features.contrast_threshold},
-      {"faint-contrast", &options.features.faint_contrast_threshold},
+  using Field = double& (*)(PipelineOptions&);
+  const std::vector<std::pair<const char*, Field>> numbers = {
+      {"reprojection-weight",
+       [](PipelineOptions& o) -> double& { return o.tc_sfm.merging.reprojection_weight; }},
+      {"literal-reprojection-weight",
+       [](PipelineOptions& o) -> double& { return o.literal.merging.reprojection_weight; }},
+      {"contrast", [](PipelineOptions& o) -> double& { return o.features.contrast_threshold; }},
+      {"faint-contrast",
+       [](PipelineOptions& o) -> double& { return o.features.faint_contrast_threshold; }},
   };
   for (const auto& [key, field] : numbers) {
+    PipelineOptions options = OptionsFor(key);
     ASSERT_TRUE(SetOption(key, "0.125", options).ok()) << key;
-    EXPECT_EQ(*field, 0.125) << key;
+    EXPECT_EQ(field(options), 0.125) << key;
     for (const char* bad : {"", "on", "0.5x", "1 2"}) {
       EXPECT_FALSE(SetOption(key, bad, options).ok()) << key << " '" << bad << "'";
     }
-    EXPECT_EQ(*field, 0.125) << key;
+    EXPECT_EQ(field(options), 0.125) << key;
+  }
+}
+
+TEST(SetOption, AnOptionThatDoesNotActOnTheMethodIsRefused) {
+  const auto accepts = [](Method method, const char* key) {
+    PipelineOptions options;
+    options.method = method;
+    return SetOption(key, std::string_view(key).ends_with("contrast") ? "0.01" : "off", options)
+        .ok();
+  };
+  for (const char* key : {"unfolding", "consistent-view-graph", "obstacles", "bidirectional"}) {
+    EXPECT_TRUE(accepts(Method::kTcSfm, key)) << key;
+    EXPECT_FALSE(accepts(Method::kLiteral, key)) << key;
+    EXPECT_FALSE(accepts(Method::kPlain, key)) << key;
+  }
+  for (const char* key : {"literal-mean-cost", "literal-center-angle"}) {
+    EXPECT_FALSE(accepts(Method::kTcSfm, key)) << key;
+    EXPECT_TRUE(accepts(Method::kLiteral, key)) << key;
+    EXPECT_FALSE(accepts(Method::kPlain, key)) << key;
+  }
+  for (const Method method : {Method::kTcSfm, Method::kLiteral, Method::kPlain}) {
+    EXPECT_TRUE(accepts(method, "contrast")) << MethodName(method);
+    EXPECT_TRUE(accepts(method, "faint-contrast")) << MethodName(method);
   }
 }
 
 TEST(SetOption, ReadingsOfTheCorrectionHaveTwoStates) {
-  PipelineOptions options;
+  PipelineOptions options = OptionsFor("literal-");
   const CorrectionOptions& correction = options.literal.correction;
   ASSERT_TRUE(SetOption("literal-rejected-undecided", "on", options).ok());
   EXPECT_FALSE(correction.undecided_is_consistent);
@@ -111,7 +149,7 @@ TEST(SetOption, ARefusedValueChangesNothing) {
   for (const char* key :
        {"literal-rejected-undecided", "literal-center-angle", "literal-strongest-link-next"}) {
     for (const char* before : {"on", "off"}) {
-      PipelineOptions options;
+      PipelineOptions options = OptionsFor(key);
       ASSERT_TRUE(SetOption(key, before, options).ok());
       const CorrectionOptions correction = options.literal.correction;
       EXPECT_FALSE(SetOption(key, "maybe", options).ok());

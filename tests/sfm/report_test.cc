@@ -12,8 +12,8 @@
 #include <regex>
 #include <set>
 
+#include "sfm/core/html_text.h"
 #include "sfm/report_facts.h"
-#include "sfm/report_html.h"
 #include "sfm/report_thumbnails.h"
 #include "sfm/report_views.h"
 
@@ -124,7 +124,7 @@ class ReportTest : public testing::Test {
   }
 
   ReportInput Input() const {
-    return {set_, poses_, reconstruction_, calibration_, features_, segments_};
+    return {set_, poses_, reconstruction_, calibration_, features_, segments_, calibration_page_};
   }
 
   std::string Build(int threads = 2) const {
@@ -141,6 +141,7 @@ class ReportTest : public testing::Test {
   Reconstruction reconstruction_;
   Features features_;
   std::optional<Segments> segments_;
+  std::string calibration_page_;
   std::optional<Calibration> calibration_;
 };
 
@@ -323,6 +324,14 @@ TEST_F(ReportTest, ShowsTheCommunitiesOverThePictures) {
   const std::string html = Build();
   EXPECT_NE(html.find("Communities of tracks"), std::string::npos);
   EXPECT_EQ(Count(html, "<img alt=\"" + poses_.cameras[0].camera + "\""), 2u);
+}
+
+TEST_F(ReportTest, ShowsThePageOfTheCalibration) {
+  EXPECT_EQ(Build().find("<iframe"), std::string::npos);
+  calibration_page_ = "<html lang=\"en\"><body>12 shots & 90 cameras</body></html>";
+  EXPECT_NE(Build().find("srcdoc=\"&lt;html lang=&quot;en&quot;&gt;&lt;body&gt;12 shots &amp; 90 "
+                         "cameras&lt;/body&gt;&lt;/html&gt;\""),
+            std::string::npos);
 }
 
 TEST_F(ReportTest, SaysWhichCameraHasMoved) {
@@ -532,7 +541,7 @@ TEST_F(ReportTest, StopsWhenAsked) {
 }
 
 TEST(ReportHtmlTest, EscapesMarkupControlCharactersAndBrokenUtf8) {
-  using report::Escaped;
+  using rotunda::Escaped;
   EXPECT_EQ(Escaped("a<b>&\"'"), "a&lt;b&gt;&amp;&quot;&#39;");
   EXPECT_EQ(Escaped("σ° \xF0\x9F\x93\xB7"), "σ° \xF0\x9F\x93\xB7");
   const std::string unknown = "\xEF\xBF\xBD";
@@ -545,17 +554,17 @@ TEST(ReportHtmlTest, EscapesMarkupControlCharactersAndBrokenUtf8) {
 }
 
 TEST(ReportHtmlTest, WritesFigures) {
-  EXPECT_EQ(report::Fixed(-1.005, 1), "-1.0");
-  EXPECT_EQ(report::Fixed(std::nan(""), 2), "–");
-  EXPECT_EQ(report::Significant(0.004123), "0.00412");
-  EXPECT_EQ(report::Significant(41.23), "41.2");
-  EXPECT_EQ(report::Significant(4123.4), "4123");
-  EXPECT_EQ(report::Significant(0), "0");
-  EXPECT_EQ(report::Grouped(0), "0");
-  EXPECT_EQ(report::Grouped(1234567), "1\u202F234\u202F567");
-  EXPECT_EQ(report::Coordinate(-0.04), "0");
-  EXPECT_EQ(report::Coordinate(12.96), "13");
-  EXPECT_EQ(report::Coordinate(-3.14), "-3.1");
+  EXPECT_EQ(rotunda::Fixed(-1.005, 1), "-1.0");
+  EXPECT_EQ(rotunda::Fixed(std::nan(""), 2), "–");
+  EXPECT_EQ(rotunda::Significant(0.004123), "0.00412");
+  EXPECT_EQ(rotunda::Significant(41.23), "41.2");
+  EXPECT_EQ(rotunda::Significant(4123.4), "4123");
+  EXPECT_EQ(rotunda::Significant(0), "0");
+  EXPECT_EQ(rotunda::Grouped(0), "0");
+  EXPECT_EQ(rotunda::Grouped(1234567), "1\u202F234\u202F567");
+  EXPECT_EQ(rotunda::Coordinate(-0.04), "0");
+  EXPECT_EQ(rotunda::Coordinate(12.96), "13");
+  EXPECT_EQ(rotunda::Coordinate(-3.14), "-3.1");
 }
 
 TEST(ReportHtmlTest, Base64IsThatOfRfc4648) {
@@ -566,8 +575,8 @@ TEST(ReportHtmlTest, Base64IsThatOfRfc4648) {
                                                          {"foob", "Zm9vYg=="},
                                                          {"fooba", "Zm9vYmE="},
                                                          {"foobar", "Zm9vYmFy"}};
-  for (const auto& [plain, encoded] : vectors) EXPECT_EQ(report::Base64(plain), encoded);
-  EXPECT_EQ(report::Base64("\xFF\xFE\xFD"), "//79");
+  for (const auto& [plain, encoded] : vectors) EXPECT_EQ(rotunda::Base64(plain), encoded);
+  EXPECT_EQ(rotunda::Base64("\xFF\xFE\xFD"), "//79");
 }
 
 }  // namespace

@@ -1,9 +1,9 @@
 #include "sfm/superpixels.h"
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -14,6 +14,8 @@
 #include <set>
 #include <string>
 
+#include "tests/support/picture_set.h"
+
 namespace rotunda::sfm {
 namespace {
 
@@ -21,33 +23,14 @@ namespace fs = std::filesystem;
 
 class SuperpixelsTest : public testing::Test {
  protected:
-  void SetUp() override {
-    set_.folder =
-        fs::temp_directory_path() / ("rotunda_superpixels_" + std::to_string(::getpid()) + "_" +
-                                     testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::create_directories(set_.folder);
-  }
-  void TearDown() override { fs::remove_all(set_.folder); }
-
-  void Add(const cv::Mat& picture, const std::string& status = "ok") {
-    Frame frame;
-    frame.camera = "c" + std::to_string(set_.frames.size());
-    frame.file = frame.camera + ".png";
-    frame.width_px = picture.cols;
-    frame.height_px = picture.rows;
-    frame.pixel_format = "RGB8";
-    frame.status = status;
-    cv::imwrite((set_.folder / frame.file).string(), picture);
-    set_.frames.push_back(frame);
-  }
   Result<std::vector<Superpixels>> Build(const SuperpixelOptions& options = {},
                                          int threads = 1) const {
     ThreadPool pool(threads);
     RunContext context{pool};
-    return BuildSuperpixels(set_, options, context);
+    return BuildSuperpixels(pictures_.set, options, context);
   }
 
-  FrameSet set_;
+  test::PictureSet pictures_;
 };
 
 /// Noise of a few grey values over a red, a green and a blue stripe that lean.
@@ -110,7 +93,7 @@ void ExpectWellFormed(const Superpixels& map) {
 
 TEST_F(SuperpixelsTest, PatchesFollowColourAndHangTogether) {
   constexpr int kWidth = 240, kHeight = 160, kCount = 150;
-  Add(Stripes(kWidth, kHeight, 3));
+  pictures_.Add(Stripes(kWidth, kHeight, 3));
   const auto maps = Build({.picture_px = 1e6, .count = kCount});
   ASSERT_TRUE(maps.ok()) << maps.error().ToString();
   const Superpixels& map = (*maps)[0];
@@ -137,7 +120,7 @@ TEST_F(SuperpixelsTest, PatchesFollowColourAndHangTogether) {
 }
 
 TEST_F(SuperpixelsTest, AReducedMapIsAskedInPicturePixels) {
-  Add(Stripes(800, 600, 4));
+  pictures_.Add(Stripes(800, 600, 4));
   const auto maps = Build({.picture_px = 30000, .count = 100});
   ASSERT_TRUE(maps.ok()) << maps.error().ToString();
   const Superpixels& map = (*maps)[0];
@@ -156,13 +139,17 @@ TEST_F(SuperpixelsTest, AReducedMapIsAskedInPicturePixels) {
   }
   EXPECT_EQ(map.LabelAt(-3, -0.1F), label(0, 0));
   EXPECT_EQ(map.LabelAt(800, 1e6F), label(199, 149));
+  constexpr float kInfinite = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(map.LabelAt(1e30F, kInfinite), label(199, 149));
+  EXPECT_EQ(map.LabelAt(-kInfinite, -1e30F), label(0, 0));
+  EXPECT_EQ(map.LabelAt(std::nanf(""), 1e30F), label(0, 149));
 }
 
 TEST_F(SuperpixelsTest, FramesWithoutPictureHaveNoLabels) {
-  Add(Stripes(60, 40, 1));
-  Add(Stripes(60, 40, 1), "missing");
-  Add(Stripes(60, 40, 1));
-  fs::remove(set_.folder / set_.frames[1].file);
+  pictures_.Add(Stripes(60, 40, 1));
+  pictures_.Add(Stripes(60, 40, 1), "missing");
+  pictures_.Add(Stripes(60, 40, 1));
+  fs::remove(pictures_.set.folder / pictures_.set.frames[1].file);
   const auto maps = Build();
   ASSERT_TRUE(maps.ok()) << maps.error().ToString();
   ASSERT_EQ(maps->size(), 3U);
@@ -175,7 +162,7 @@ TEST_F(SuperpixelsTest, FramesWithoutPictureHaveNoLabels) {
 TEST_F(SuperpixelsTest, TheSmallestPicturesAreOnePatchOrMore) {
   for (const cv::Size& size :
        {cv::Size{1, 1}, {2, 1}, {1, 7}, {3, 3}, {5, 4}, {2, 300}, {6, 6}, {300, 6}, {7, 9}}) {
-    Add(Stripes(size.width, size.height, 2));
+    pictures_.Add(Stripes(size.width, size.height, 2));
   }
   const auto maps = Build();
   ASSERT_TRUE(maps.ok()) << maps.error().ToString();
@@ -196,14 +183,14 @@ TEST_F(SuperpixelsTest, TheSameOnAnyNumberOfThreads) {
 }
 
 TEST_F(SuperpixelsTest, BadPicturesAreNamed) {
-  Add(Stripes(60, 40, 1));
-  std::ofstream(set_.folder / set_.frames[0].file) << "no picture";
+  pictures_.Add(Stripes(60, 40, 1));
+  std::ofstream(pictures_.set.folder / pictures_.set.frames[0].file) << "no picture";
   const auto broken = Build();
   ASSERT_FALSE(broken.ok());
   EXPECT_EQ(broken.error().code, ErrorCode::kBadInput);
   EXPECT_NE(broken.error().context.find("c0.png"), std::string::npos);
 
-  cv::imwrite((set_.folder / set_.frames[0].file).string(), Stripes(61, 40, 1));
+  cv::imwrite((pictures_.set.folder / pictures_.set.frames[0].file).string(), Stripes(61, 40, 1));
   const auto other_size = Build();
   ASSERT_FALSE(other_size.ok());
   EXPECT_EQ(other_size.error().code, ErrorCode::kBadInput);
@@ -211,12 +198,12 @@ TEST_F(SuperpixelsTest, BadPicturesAreNamed) {
 }
 
 TEST_F(SuperpixelsTest, StopsWhenTold) {
-  Add(Stripes(60, 40, 1));
+  pictures_.Add(Stripes(60, 40, 1));
   ThreadPool pool(1);
   std::stop_source stop;
   stop.request_stop();
   RunContext context{pool, stop.get_token()};
-  const auto maps = BuildSuperpixels(set_, {}, context);
+  const auto maps = BuildSuperpixels(pictures_.set, {}, context);
   ASSERT_FALSE(maps.ok());
   EXPECT_EQ(maps.error().code, ErrorCode::kCancelled);
 }

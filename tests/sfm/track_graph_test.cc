@@ -158,5 +158,12 @@ TEST(BuildTrackGraph, AgreesWithTheDefinitionOnRandomTracks) {
   }
 }
 
+TEST(TrackGraphOptions, ATrackJoinsTwoPictures) {
+  EXPECT_TRUE(TrackGraphOptions{}.Validate().ok());
+  EXPECT_TRUE(TrackGraphOptions{.min_track_length = 2}.Validate().ok());
+  EXPECT_EQ(TrackGraphOptions{.min_track_length = 1}.Validate().error().context,
+            "min_track_length");
+}
+
 }  // namespace
 }  // namespace rotunda::sfm

@@ -61,7 +61,6 @@ TEST(LookAlikeGroups, AFewRegionsTellTwoGroupsApart) {
   const LookAlikeGroups groups = FindLookAlikeGroups(Folded(truth, 30, 3), Chain(20));
   EXPECT_EQ(groups.count, 2u);
   EXPECT_EQ(groups.of_image, truth);
-  EXPECT_EQ(groups.telling_regions, 3u);
   EXPECT_GT(groups.gain, 100);
   for (size_t i = 0; i < 20; ++i) EXPECT_GT(groups.certainty[i], 10) << "image " << i;
 }
@@ -101,7 +100,6 @@ TEST(LookAlikeGroups, NothingTellsInAModelThatIsNotFolded) {
       FindLookAlikeGroups(Folded(Consecutive({12, 8}), 30, 0), Chain(20));
   EXPECT_EQ(groups.count, 1u);
   EXPECT_EQ(groups.gain, 0);
-  EXPECT_EQ(groups.telling_regions, 0u);
   EXPECT_EQ(groups.of_image, std::vector<int>(20, 0));
   EXPECT_EQ(groups.certainty, std::vector<double>(20, kInfinite));
 }

@@ -9,6 +9,12 @@
 
 namespace rotunda::test {
 
+std::vector<ImageId> Columns(size_t first, size_t columns) {
+  std::vector<ImageId> images;
+  for (size_t k = 0; k < 2 * columns; ++k) images.push_back(ImageId((2 * first + k) % kRingImages));
+  return images;
+}
+
 sfm::Reconstruction MakePartialModel(const SyntheticWorld& world,
                                      const std::vector<ImageId>& images, uint64_t seed,
                                      RunContext& context) {

@@ -10,6 +10,10 @@
 
 namespace rotunda::test {
 
+inline constexpr size_t kRingImages = 24;  // of SyntheticOptions as they are: 12 columns of 2
+/// The images of `columns` columns from `first` on, around that ring.
+std::vector<ImageId> Columns(size_t first, size_t columns);
+
 /// What incremental reconstruction would make of `images` alone: the points that at least two of
 /// them see, adjusted to the noisy keypoints, in a random frame of its own (any rotation, metres of
 /// translation, scale 0.2 to 5).

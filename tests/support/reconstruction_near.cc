@@ -62,4 +62,37 @@ std::string NotNear(const sfm::Reconstruction& reconstruction,
   return text;
 }
 
+std::string Difference(const sfm::Reconstruction& a, const sfm::Reconstruction& b) {
+  if (a.cam_from_model.size() != b.cam_from_model.size()) return "number of images";
+  for (size_t i = 0; i < a.cam_from_model.size(); ++i) {
+    const auto &pose_a = a.cam_from_model[i], &pose_b = b.cam_from_model[i];
+    const bool same = pose_a && pose_b ? pose_a->Matrix() == pose_b->Matrix()
+                                       : pose_a.has_value() == pose_b.has_value();
+    if (!same) return "pose of image " + std::to_string(i);
+  }
+  for (size_t l = 0; l < a.intrinsics.lenses.size(); ++l) {
+    if (a.intrinsics.lenses[l].params != b.intrinsics.lenses[l].params) {
+      return "lens " + std::to_string(l);
+    }
+  }
+  if (a.points.size() != b.points.size()) return "number of points";
+  for (size_t p = 0; p < a.points.size(); ++p) {
+    if (a.points[p].position != b.points[p].position ||
+        a.points[p].observations != b.points[p].observations) {
+      return "point " + std::to_string(p);
+    }
+  }
+  return "";
+}
+
+std::string Difference(const std::vector<sfm::Reconstruction>& a,
+                       const std::vector<sfm::Reconstruction>& b) {
+  if (a.size() != b.size()) return "number of models";
+  for (size_t m = 0; m < a.size(); ++m) {
+    const std::string difference = Difference(a[m], b[m]);
+    if (!difference.empty()) return "model " + std::to_string(m) + ": " + difference;
+  }
+  return "";
+}
+
 }  // namespace rotunda::test

@@ -24,4 +24,10 @@ std::string NotNear(const sfm::Reconstruction& reconstruction,
                     const std::vector<Rigid3>& cam_from_truth, double max_rotation_rad,
                     double max_position);
 
+/// Where two reconstructions, or two lists of them, are not the same to the last bit; empty when
+/// they are.
+std::string Difference(const sfm::Reconstruction& a, const sfm::Reconstruction& b);
+std::string Difference(const std::vector<sfm::Reconstruction>& a,
+                       const std::vector<sfm::Reconstruction>& b);
+
 }  // namespace rotunda::test

@@ -217,6 +217,17 @@ const std::vector<Row>& Rows() {
          return Arguments{set, "--method", "plain", "--preset", "literal"};
        },
        {"--preset", "tc-sfm", "plain"}},
+      {"SettingOfAnotherMethod",
+       [](Folder, Folder set) {
+         return Arguments{set,     "--method",     "plain", "--set", "contrast=0.03",
+                          "--set", "unfolding=off"};
+       },
+       {"unfolding", "tc-sfm", "no effect on plain"}},
+      {"SettingOfThePublishedMethod",
+       [](Folder, Folder set) {
+         return Arguments{set, "--set", "literal-mean-cost=on"};
+       },
+       {"literal-mean-cost", "tc-sfm literal", "no effect on tc-sfm"}},
       {"TracksForAMethodThatBuildsItsOwn",
        [](Folder folder, Folder set) {
          fs::create_directory(folder / "stages");

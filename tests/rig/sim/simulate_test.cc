@@ -8,6 +8,7 @@
 #include <opencv2/aruco/charuco.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "rig/sim/board_object.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
 
@@ -164,27 +165,25 @@ class CuboidPictures : public testing::Test {
 };
 
 TEST_F(CuboidPictures, ChessboardCornersLieWhereTheTruthProjectsThem) {
-  const Rigid3 rig_from_cuboid = CuboidPlacement(options_.placement);
-  const CuboidOptions& cuboid = options_.cuboid;
+  const Rigid3 rig_from_board = BoardPlacement(options_.placement);
+  const std::vector<CalibratedFace> faces = BoardOf(options_);
   for (const CalibratedCamera& camera : truth_.cameras) {
     const cv::Mat gray = Render(camera);
     std::vector<cv::Point2f> predicted;
-    for (int face = 0; face < kCuboidFaces; ++face) {
-      const CuboidFaceFrame frame = FaceOf(cuboid, static_cast<CuboidFace>(face));
-      const Eigen::Vector3d normal = rig_from_cuboid.rotation * frame.down.cross(frame.right);
-      for (int row = 1; row < frame.rows; ++row) {
-        for (int column = 1; column < frame.columns; ++column) {
-          const double x_m = 1e-3 * (cuboid.margin_mm + column * cuboid.square_mm);
-          const double y_m = 1e-3 * (cuboid.margin_mm + row * cuboid.square_mm);
-          const Eigen::Vector3d corner = rig_from_cuboid * frame.At(x_m, y_m);
-          const Eigen::Vector3d view = (camera.cam_from_rig.OriginInSource() - corner).normalized();
-          if (view.dot(normal) < 0.5) continue;  // well visible ones
-          const auto at = camera.intrinsics.Project(camera.cam_from_rig * corner);
-          if (!at || at->x() < 40 || at->y() < 40 || at->x() > 1160 || at->y() > 1560) continue;
-          // OpenCV's pixel centres lie on integers.
-          predicted.emplace_back(static_cast<float>(at->x() - 0.5),
-                                 static_cast<float>(at->y() - 0.5));
-        }
+    for (size_t f = 0; f < faces.size(); ++f) {
+      const rig::BoardFace& face = options_.board.faces[f];
+      const Eigen::Vector3d outward =
+          rig_from_board.rotation * faces[f].board_from_face.rotation * -Eigen::Vector3d::UnitZ();
+      for (int i = 0; i < face.CornerCount(); ++i) {
+        const Eigen::Vector3d corner =
+            rig_from_board * rig::PointOnBoard(face, faces[f], face.CornerInFace(i));
+        const Eigen::Vector3d view = (camera.cam_from_rig.OriginInSource() - corner).normalized();
+        if (view.dot(outward) < 0.5) continue;  // well visible ones
+        const auto at = camera.intrinsics.Project(camera.cam_from_rig * corner);
+        if (!at || at->x() < 40 || at->y() < 40 || at->x() > 1160 || at->y() > 1560) continue;
+        // OpenCV's pixel centres lie on integers.
+        predicted.emplace_back(static_cast<float>(at->x() - 0.5),
+                               static_cast<float>(at->y() - 0.5));
       }
     }
     ASSERT_GT(predicted.size(), 60u);
@@ -203,7 +202,8 @@ TEST_F(CuboidPictures, ChessboardCornersLieWhereTheTruthProjectsThem) {
 }
 
 TEST_F(CuboidPictures, OpenCvReadsTheTagsOfTheRightFaces) {
-  const Rigid3 rig_from_cuboid = CuboidPlacement(options_.placement);
+  const Rigid3 rig_from_board = BoardPlacement(options_.placement);
+  const std::vector<CalibratedFace> faces = BoardOf(options_);
   const auto dictionary = cv::aruco::getPredefinedDictionary(cv::aruco::DICT_APRILTAG_36h11);
   const CalibratedCamera& camera = truth_.cameras[1];
   std::vector<int> ids;
@@ -211,18 +211,17 @@ TEST_F(CuboidPictures, OpenCvReadsTheTagsOfTheRightFaces) {
   cv::aruco::detectMarkers(Render(camera), dictionary, corners, ids);
   ASSERT_GT(ids.size(), 30u);
   // OpenCV's own board of each face says where a tag with this id is.
-  for (int face = 0; face < kCuboidFaces; ++face) {
-    const CuboidFaceFrame frame = FaceOf(options_.cuboid, static_cast<CuboidFace>(face));
-    const auto board = cv::aruco::CharucoBoard::create(
-        frame.columns, frame.rows, static_cast<float>(1e-3 * options_.cuboid.square_mm),
-        static_cast<float>(1e-3 * options_.cuboid.marker_mm), dictionary);
-    const double margin_m = 1e-3 * options_.cuboid.margin_mm;
+  for (size_t f = 0; f < faces.size(); ++f) {
+    const rig::BoardFace& face = options_.board.faces[f];
+    const auto board =
+        cv::aruco::CharucoBoard::create(face.columns, face.rows, static_cast<float>(face.square_m),
+                                        static_cast<float>(face.marker_m), dictionary);
     for (size_t i = 0; i < ids.size(); ++i) {
-      const int local = ids[i] - frame.first_id;
-      if (local < 0 || local >= static_cast<int>(board->ids.size())) continue;
+      if (!face.HasMarker(ids[i])) continue;
       for (int k = 0; k < 4; ++k) {
-        const cv::Point3f& p = board->objPoints[local][k];
-        const Eigen::Vector3d corner = rig_from_cuboid * frame.At(margin_m + p.x, margin_m + p.y);
+        const cv::Point3f& p = board->objPoints[ids[i] - face.first_id][k];
+        const Eigen::Vector3d corner =
+            rig_from_board * rig::PointOnBoard(face, faces[f], Eigen::Vector3d(p.x, p.y, 0));
         const Eigen::Vector2d at = *camera.intrinsics.Project(camera.cam_from_rig * corner);
         EXPECT_LT((at - Eigen::Vector2d(corners[i][k].x + 0.5, corners[i][k].y + 0.5)).norm(), 2.0)
             << "id " << ids[i];
@@ -231,26 +230,48 @@ TEST_F(CuboidPictures, OpenCvReadsTheTagsOfTheRightFaces) {
   }
 }
 
-TEST(Cuboid, FacesMeetAtTheEdgesAndIdsAreDisjoint) {
-  const CuboidOptions options;
-  int next_id = 0;
-  for (int face = 0; face < kCuboidFaces; ++face) {
-    const CuboidFaceFrame frame = FaceOf(options, static_cast<CuboidFace>(face));
-    EXPECT_EQ(frame.first_id, next_id);
-    next_id += frame.columns * frame.rows / 2;
-    const Eigen::Vector3d outward = frame.down.cross(frame.right);
-    const Eigen::Vector3d middle =
-        frame.At(0.5 * frame.width_m, 0.5 * frame.height_m) - Eigen::Vector3d(0, 0, 0.77);
-    EXPECT_GT(outward.dot(middle), 0.2) << face;
-    if (face == static_cast<int>(CuboidFace::kTop)) continue;
-    // The right edge is the next side's left edge.
-    const CuboidFaceFrame next = FaceOf(options, static_cast<CuboidFace>((face + 1) % 4));
-    EXPECT_LT((frame.At(frame.width_m, 0) - next.origin).norm(), 1e-12) << face;
+TEST(DrawBoard, StaysWithinItsErrorsAndIsTheSameForOneSeed) {
+  const rig::Board board = rig::CuboidBoard({});
+  constexpr BoardErrors kErrors;
+  double farthest_mm = 0;
+  for (uint64_t seed = 0; seed < 20; ++seed) {
+    const std::vector<CalibratedFace> faces = DrawBoard(board, 1, seed);
+    const std::vector<CalibratedFace> again = DrawBoard(board, 1, seed);
+    for (size_t f = 0; f < faces.size(); ++f) {
+      EXPECT_EQ(faces[f].board_from_face.translation, again[f].board_from_face.translation);
+      const rig::BoardFace& face = board.faces[f];
+      const Eigen::Vector3d middle(0.5 * face.Width_m(), 0.5 * face.Height_m(), 0);
+      const double off_mm =
+          1e3 * (faces[f].board_from_face * middle - face.board_from_face * middle).norm();
+      farthest_mm = std::max(farthest_mm, off_mm);
+      EXPECT_LE(off_mm, kErrors.position_mm);
+      EXPECT_LE(DegFromRad(RotationAngle_rad(faces[f].board_from_face.rotation,
+                                             face.board_from_face.rotation)),
+                kErrors.rotation_deg * (1 + 1e-9));
+      EXPECT_NEAR(std::abs(faces[f].bow_m.sum()), 1e-3 * kErrors.bow_mm, 1e-12);
+    }
   }
-  EXPECT_LE(next_id, 587);
-  const CuboidFaceFrame top = FaceOf(options, CuboidFace::kTop);
-  const CuboidFaceFrame front = FaceOf(options, CuboidFace::kFront);
-  EXPECT_LT((top.At(0, top.height_m) - front.origin).norm(), 1e-12);
+  EXPECT_GT(farthest_mm, 0.8 * kErrors.position_mm);
+  EXPECT_EQ(DrawBoard(board, 0, 3)[2].bow_m.norm(), 0);
+}
+
+TEST(SimulatePlacements, SameRigAndTargetInEveryShot) {
+  ThreadPool threads(2);
+  RunContext context{threads};
+  const fs::path out = Fresh("placements");
+  SimulateOptions options = SmallCuboid();
+  options.cameras = 2;
+  options.picture_scale = 0.1;
+  ASSERT_TRUE(SimulatePlacements({}, options, 2, out, context));
+  const auto first = ReadFile(out / "placement_00" / "truth.json");
+  const auto second = ReadFile(out / "placement_01" / "truth.json");
+  ASSERT_TRUE(first && second);
+  EXPECT_EQ(*first, *second);
+  const auto truth = ReadCalibration(out / "placement_01" / "truth.json");
+  ASSERT_TRUE(truth) << truth.error().ToString();
+  EXPECT_EQ(truth->board.size(), 5u);
+  EXPECT_NE(ReadFrameSet(out / "placement_00")->id, ReadFrameSet(out / "placement_01")->id);
+  EXPECT_TRUE(ReadCalibration(out / "placement_01" / "calibration.json")->board.empty());
 }
 
 }  // namespace

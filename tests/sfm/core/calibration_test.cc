@@ -104,9 +104,62 @@ TEST(Calibration, FindsByNameInAnyOrderOfTheText) {
 
 TEST(Calibration, IgnoresFieldsOfOthers) {
   json text = json::parse(CalibrationToJson(MakeCalibration()));
-  text["board"] = {{"squares", 10}};
-  text["cameras"][0]["covariance"] = {1, 2, 3};
+  text["weather"] = {{"sunny", true}};
+  text["cameras"][0]["colour"] = "black";
   EXPECT_TRUE(CalibrationFromJson(text.dump(), "text").ok());
+}
+
+/// With all that a calibration from boards says beside the cameras.
+Calibration MakeWhole() {
+  Calibration calibration = MakeCalibration();
+  CalibratedCamera& camera = calibration.cameras[0];
+  const auto size = static_cast<Eigen::Index>(6 + camera.intrinsics.params.size());
+  camera.covariance = 1e-6 * Eigen::MatrixXd::Identity(size, size);
+  (*camera.covariance)(1, 0) = (*camera.covariance)(0, 1) = 2e-7;
+  camera.fit = CameraFit{120, 118, 0.05, 0.02, 0.06};
+  CalibratedFace face;
+  face.face = "front";
+  face.board_from_face.translation = {0.2, 0, 1.5};
+  face.bow_m = {1e-4, -3e-4};
+  face.sigma = FaceSigma{0.01, 0.02, 0.03};
+  calibration.board = {face};
+  CalibrationResiduals residuals;
+  residuals.corners = 120;
+  residuals.kept = 118;
+  residuals.rms_px = 0.05;
+  residuals.noise = 1.1;
+  residuals.held_out_rms_px = 0.06;
+  calibration.residuals = residuals;
+  return calibration;
+}
+
+TEST(Calibration, KeepsCovariancesTheTargetAndResiduals) {
+  const Calibration whole = MakeWhole();
+  const auto read = CalibrationFromJson(CalibrationToJson(whole), "text");
+  ASSERT_TRUE(read.ok()) << read.error().ToString();
+  EXPECT_EQ(CalibrationToJson(*read), CalibrationToJson(whole));
+  EXPECT_EQ(*read->cameras[0].covariance, *whole.cameras[0].covariance);
+  EXPECT_EQ(read->cameras[0].fit->kept, 118u);
+  ASSERT_EQ(read->board.size(), 1u);
+  EXPECT_EQ(read->board[0].bow_m, whole.board[0].bow_m);
+  EXPECT_EQ(read->residuals->held_out_rms_px, 0.06);
+  EXPECT_FALSE(read->residuals->held_out_p95_px.has_value());
+}
+
+TEST(Calibration, RefusesABrokenCovarianceAndAFaceTwice) {
+  const json whole = json::parse(CalibrationToJson(MakeWhole()));
+  json text = whole;
+  text["cameras"][0]["covariance"] = {1, 2, 3};
+  const auto covariance = CalibrationFromJson(text.dump(), "text");
+  ASSERT_FALSE(covariance.ok());
+  EXPECT_NE(covariance.error().ToString().find("cameras[0].covariance"), std::string::npos)
+      << covariance.error().ToString();
+  text = whole;
+  text["board"]["faces"].push_back(text["board"]["faces"][0]);
+  const auto face = CalibrationFromJson(text.dump(), "text");
+  ASSERT_FALSE(face.ok());
+  EXPECT_NE(face.error().ToString().find("\"front\" is already"), std::string::npos)
+      << face.error().ToString();
 }
 
 TEST(Calibration, NormalizesARoughlyRoundedRotation) {

@@ -36,7 +36,7 @@ PoseSet MakePoses() {
   lost.camera = "b";
   lost.reason = "12 inliers, expected 30";
   poses.cameras.push_back(lost);
-  poses.segments = {{7, 2, true, "back", 120, 9}};
+  poses.segments = {{7, 2, true, "back", 120, 9, {4, 7}}};
   poses.summary.registered = 1;
   poses.summary.of = 2;
   poses.summary.rms_px = 0.61;
@@ -64,6 +64,7 @@ TEST(PoseSet, ReadsWhatItWrites) {
   EXPECT_TRUE(read->metric);
   EXPECT_EQ(read->aligned_to, "cal-7");
   EXPECT_EQ(read->segments[0].side, "back");
+  EXPECT_EQ(read->segments[0].look_alikes, (std::vector<uint32_t>{4, 7}));
   EXPECT_EQ(read->summary.models, 1u);
 }
 

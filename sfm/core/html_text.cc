@@ -1,11 +1,11 @@
-#include "sfm/report_html.h"
+#include "sfm/core/html_text.h"
 
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdint>
 
-namespace rotunda::sfm::report {
+namespace rotunda {
 namespace {
 
 constexpr std::string_view kReplacement = "\xEF\xBF\xBD";  // U+FFFD
@@ -126,4 +126,4 @@ std::string Coordinate(double value) {
   return text.ends_with(".0") ? text.substr(0, text.size() - 2) : text;
 }
 
-}  // namespace rotunda::sfm::report
+}  // namespace rotunda

@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-namespace rotunda::sfm::report {
+namespace rotunda {
 
 /// Text from outside made safe for element content and quoted attributes, in HTML and in XML:
 /// markup characters become entities; control characters and bytes that are not UTF-8 become
@@ -31,4 +31,4 @@ std::string Base64(std::string_view bytes);
 /// For a coordinate in a drawing: one decimal, no trailing ".0".
 std::string Coordinate(double value);
 
-}  // namespace rotunda::sfm::report
+}  // namespace rotunda

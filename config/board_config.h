@@ -1,0 +1,18 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "rig/board.h"
+#include "sfm/core/result.h"
+
+namespace rotunda::config {
+
+/// A calibration target from the text of a TOML file (config/cuboid.toml and config/boards show
+/// every key): either a [cuboid], or a list of [[face]] with their places. Refused with kBadInput,
+/// naming `source`, the line, the key and what is allowed: bad TOML, a key that is not known, a
+/// wrong type, a value out of range, ids on two faces.
+Result<rig::Board> ParseBoard(const std::string& text, const std::string& source);
+Result<rig::Board> ReadBoard(const std::filesystem::path& file);
+
+}  // namespace rotunda::config

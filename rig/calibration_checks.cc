@@ -1,0 +1,338 @@
+#include "rig/calibration_checks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <set>
+
+#include "rig/calibration_comparison.h"
+#include "rig/calibration_result.h"
+
+namespace rotunda::rig {
+namespace {
+
+size_t CellOf(const Eigen::Vector2d& pixel, const CameraIntrinsics& intrinsics,
+              const CalibrationCheckOptions& options) {
+  const auto place = [](double x, double size, int cells) {
+    return std::clamp(static_cast<int>(x / size * cells), 0, cells - 1);
+  };
+  return static_cast<size_t>(place(pixel.y(), intrinsics.height_px, options.cells_down) *
+                                 options.cells_across +
+                             place(pixel.x(), intrinsics.width_px, options.cells_across));
+}
+
+/// Share of a part's cells that hold a corner; the part is given in thirds of the picture.
+double CoveredPart(const CameraCheck& check, bool rows, int third,
+                   const CalibrationCheckOptions& options) {
+  int cells = 0, covered = 0;
+  for (int row = 0; row < options.cells_down; ++row) {
+    for (int column = 0; column < options.cells_across; ++column) {
+      const int place = rows ? 3 * row / options.cells_down : 3 * column / options.cells_across;
+      if (place != third) continue;
+      ++cells;
+      covered += check.cells[static_cast<size_t>(row * options.cells_across + column)] > 0;
+    }
+  }
+  return static_cast<double>(covered) / std::max(1, cells);
+}
+
+std::string Number(double value, const char* format) {
+  char text[32];
+  std::snprintf(text, sizeof(text), format, value);
+  return text;
+}
+
+void Advise(const RigCalibration& result, size_t camera, const CalibrationCheckOptions& options,
+            CameraCheck& check) {
+  struct Part {
+    bool rows;
+    int third;
+    const char* name;
+    const char* remedy;
+  };
+  static constexpr std::array<Part, 4> kParts = {{
+      {true, 0, "upper", "raise the target, or tilt it"},
+      {true, 2, "lower", "lower the target, or tilt it"},
+      {false, 0, "left", "shift or turn the target"},
+      {false, 2, "right", "shift or turn the target"},
+  }};
+  for (const Part& part : kParts) {
+    const double covered = CoveredPart(check, part.rows, part.third, options);
+    if (covered >= options.min_covered) continue;
+    check.advice.push_back(std::string(covered > 0 ? "few corners" : "no corner") + " in its " +
+                           part.name + " third: " + part.remedy +
+                           " in another shot, so that it appears there");
+  }
+  const auto& uncertainty = result.uncertainty.cameras[camera];
+  if (!uncertainty) return;
+  const double focal_px = result.model.intrinsics[camera].MeanFocal_px();
+  if (uncertainty->sigma.focal_px &&
+      *uncertainty->sigma.focal_px > options.max_focal_sigma * focal_px) {
+    check.advice.push_back("its focal length is uncertain by " +
+                           Number(100 * *uncertainty->sigma.focal_px / focal_px, "%.2f %%") +
+                           ": show it two faces at a time, or the target at other distances");
+  }
+  if (uncertainty->projection_max_px > options.max_projection_px) {
+    check.advice.push_back("a point may appear " +
+                           Number(uncertainty->projection_max_px, "%.2f px") +
+                           " off somewhere in its picture: take more shots with corners there");
+  }
+}
+
+struct HeldOut {
+  std::vector<double> squared_px;
+};
+
+using Chooser = std::function<bool(const FaceView&, const SeenCorner&)>;
+
+std::vector<FaceView> Chosen(const std::vector<FaceView>& views, const Chooser& choose) {
+  std::vector<FaceView> chosen;
+  for (const FaceView& view : views) {
+    FaceView some = view;
+    std::erase_if(some.corners, [&](const SeenCorner& corner) { return !choose(view, corner); });
+    if (!some.corners.empty()) chosen.push_back(std::move(some));
+  }
+  return chosen;
+}
+
+/// The model without what the views do not show.
+RigModel SeenIn(const std::vector<FaceView>& views, const RigModel& model, size_t min_corners) {
+  std::vector<size_t> cameras(model.cam_from_rig.size(), 0);
+  std::set<size_t> shots;
+  for (const FaceView& view : views) {
+    cameras[view.camera] += view.corners.size();
+    shots.insert(view.shot);
+  }
+  RigModel seen = model;
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    if (cameras[c] < min_corners) seen.cam_from_rig[c].reset();
+  }
+  for (size_t s = 0; s < seen.rig_from_board.size(); ++s) {
+    if (shots.count(s) == 0) seen.rig_from_board[s].reset();
+  }
+  return seen;
+}
+
+constexpr size_t kMinHalfCorners = 24;
+
+/// Errors of the views that `held` chooses under a calibration from the others.
+Status TestHeldOut(const RigProblem& problem, const RigCalibration& result, const Chooser& held,
+                   bool by_shots, HeldOut& errors, RunContext& context) {
+  const auto rest =
+      Chosen(result.kept, [&](const FaceView& v, const SeenCorner& c) { return !held(v, c); });
+  const RigModel start = SeenIn(rest, result.model, kMinHalfCorners);
+  ROTUNDA_ASSIGN_OR_RETURN(RigModel model, Readjust(problem, rest, result.free, start, context));
+  const auto test = Chosen(result.kept, held);
+  if (by_shots) {
+    for (size_t s = 0; s < model.rig_from_board.size(); ++s) {
+      if (!model.rig_from_board[s]) model.rig_from_board[s] = result.model.rig_from_board[s];
+    }
+    const FreeUnknowns shots_alone = {
+        .cameras = false, .intrinsics = false, .shots = true, .faces = false};
+    ROTUNDA_ASSIGN_OR_RETURN(model, Readjust(problem, test, shots_alone, model, context));
+  }
+  for (const FaceView& view : test) {
+    if (!model.Has(view)) continue;
+    for (const Eigen::Vector2d& residual : Residuals_px(model, problem.shape, view)) {
+      errors.squared_px.push_back(residual.squaredNorm());
+    }
+  }
+  return {};
+}
+
+/// A half's cameras with their covariances, as a calibration to compare.
+Result<Calibration> CalibrateHalf(const RigProblem& problem, const RigCalibration& result,
+                                  const Chooser& choose, RunContext& context) {
+  const auto views = Chosen(result.kept, choose);
+  RigCalibration half;
+  half.model = SeenIn(views, result.model, kMinHalfCorners);
+  ROTUNDA_ASSIGN_OR_RETURN(half.model, Readjust(problem, views, result.free, half.model, context));
+  ROTUNDA_ASSIGN_OR_RETURN(half.uncertainty,
+                           BuildUncertainty(problem, WithNoise(views, result.noise), half.model,
+                                            result.free, result.held_intrinsics, context));
+  Calibration calibration;
+  for (size_t c = 0; c < half.model.cam_from_rig.size(); ++c) {
+    if (!half.model.cam_from_rig[c] || !half.uncertainty.cameras[c]) continue;
+    CalibratedCamera camera;
+    char name[24];
+    std::snprintf(name, sizeof(name), "%08zu", c);  // any names in order
+    camera.camera = name;
+    camera.intrinsics = half.model.intrinsics[c];
+    camera.cam_from_rig = *half.model.cam_from_rig[c];
+    camera.sigma = half.uncertainty.cameras[c]->sigma;
+    camera.covariance = half.uncertainty.cameras[c]->covariance;
+    calibration.cameras.push_back(std::move(camera));
+  }
+  return calibration;
+}
+
+void CompareHalves(const Calibration& first, const Calibration& second,
+                   CrossValidation& validation) {
+  const Result<CalibrationComparison> comparison = CompareCalibrations(first, second, {});
+  if (!comparison) return;
+  double rotation = 0, position = 0;
+  for (const CameraChange& change : comparison->cameras) {
+    const PoseSigma& a = *first.Find(change.camera)->sigma;
+    const PoseSigma& b = *second.Find(change.camera)->sigma;
+    rotation += std::pow(change.rotation_deg, 2) /
+                (std::pow(a.rotation_deg, 2) + std::pow(b.rotation_deg, 2));
+    position +=
+        std::pow(change.position_mm, 2) / (std::pow(a.position_mm, 2) + std::pow(b.position_mm, 2));
+    validation.half_rotation_deg += change.rotation_deg;
+    validation.half_position_mm += change.position_mm;
+  }
+  const auto count = static_cast<double>(comparison->cameras.size());
+  validation.rotation_ratio = std::sqrt(rotation / count);
+  validation.position_ratio = std::sqrt(position / count);
+  validation.half_rotation_deg /= count;
+  validation.half_position_mm /= count;
+}
+
+}  // namespace
+
+std::vector<CameraCheck> CheckCameras(const Board& board, const BoardSightings& sightings,
+                                      const RigCalibration& result,
+                                      const CalibrationCheckOptions& options) {
+  const BoardShape shape = ShapeOf(board);
+  std::vector<CameraCheck> checks(sightings.cameras.size());
+  const auto cells = static_cast<size_t>(options.cells_across * options.cells_down);
+  for (CameraCheck& check : checks) {
+    check.cells.assign(cells, 0);
+    check.mean_px.assign(cells, Eigen::Vector2d::Zero());
+  }
+  std::vector<std::set<size_t>> shots(checks.size());
+  double squares = 0;
+  for (const FaceView& view : result.found) checks[view.camera].found += view.corners.size();
+  for (const FaceView& view : result.kept) {
+    CameraCheck& check = checks[view.camera];
+    const auto residuals = Residuals_px(result.model, shape, view);
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      const size_t cell =
+          CellOf(view.corners[i].pixel, result.model.intrinsics[view.camera], options);
+      ++check.cells[cell];
+      check.mean_px[cell] += residuals[i];
+      check.rms_px += residuals[i].squaredNorm();
+      squares += residuals[i].squaredNorm();
+    }
+    check.kept += view.corners.size();
+    shots[view.camera].insert(view.shot);
+  }
+  const double rms_px = std::sqrt(squares / static_cast<double>(CornerCount(result.kept)));
+  for (size_t c = 0; c < checks.size(); ++c) {
+    CameraCheck& check = checks[c];
+    check.pictures = shots[c].size();
+    if (check.kept == 0) continue;
+    check.rms_px = std::sqrt(check.rms_px / static_cast<double>(check.kept));
+    for (size_t i = 0; i < cells; ++i) {
+      check.mean_px[i] /= static_cast<double>(std::max<size_t>(1, check.cells[i]));
+      check.covered += check.cells[i] > 0 ? 1.0 / static_cast<double>(cells) : 0.0;
+    }
+    if (result.free.intrinsics) Advise(result, c, options, check);
+    if (check.rms_px > options.max_rms_ratio * rms_px) {
+      check.advice.push_back("its corners fit " + Number(check.rms_px / rms_px, "%.1f") +
+                             " times worse than the rig's: check its focus, and that it is fixed");
+    }
+  }
+  return checks;
+}
+
+Result<CrossValidation> CrossValidate(const Board& board, const RigCalibration& result,
+                                      const CalibrationCheckOptions& options, RunContext& context) {
+  const BoardShape shape = ShapeOf(board);
+  const RigProblem problem = {board, shape, result.priors};
+  std::vector<size_t> order(result.model.rig_from_board.size(), 0);  // of a used shot among them
+  size_t used = 0;
+  for (size_t s = 0; s < order.size(); ++s) {
+    order[s] = used;
+    used += result.model.rig_from_board[s].has_value();
+  }
+  CrossValidation validation;
+  constexpr size_t kMinShots = 4;
+  validation.by_shots = used >= kMinShots;
+  const auto folds = static_cast<size_t>(
+      validation.by_shots ? std::min<int>(options.folds, static_cast<int>(used)) : 2);
+  const auto part = [&](const FaceView& view, const SeenCorner& corner, size_t parts) {
+    return (validation.by_shots ? order[view.shot] : static_cast<size_t>(corner.corner)) % parts;
+  };
+  HeldOut errors;
+  for (size_t fold = 0; fold < folds; ++fold) {
+    context.Report("cross-validation", fold, folds + 2);
+    const Chooser held = [&](const FaceView& view, const SeenCorner& corner) {
+      return part(view, corner, folds) == fold;
+    };
+    ROTUNDA_RETURN_IF_ERROR(
+        TestHeldOut(problem, result, held, validation.by_shots, errors, context));
+  }
+  std::vector<Calibration> halves;
+  for (size_t half = 0; half < 2; ++half) {
+    context.Report("cross-validation", folds + half, folds + 2);
+    auto calibration = CalibrateHalf(
+        problem, result,
+        [&](const FaceView& view, const SeenCorner& corner) {
+          return part(view, corner, 2) == half;
+        },
+        context);
+    if (!calibration && calibration.error().code == ErrorCode::kCancelled) {
+      return calibration.error();
+    }
+    if (calibration) halves.push_back(std::move(*calibration));
+  }
+  if (halves.size() == 2) CompareHalves(halves[0], halves[1], validation);
+  context.Report("cross-validation", folds + 2, folds + 2);
+  if (errors.squared_px.empty()) return validation;
+  validation.held_out_corners = errors.squared_px.size();
+  double sum = 0;
+  for (const double squared : errors.squared_px) sum += squared;
+  validation.held_out_rms_px = std::sqrt(sum / static_cast<double>(errors.squared_px.size()));
+  const auto p95 = errors.squared_px.begin() +
+                   static_cast<std::ptrdiff_t>(95 * (errors.squared_px.size() - 1) / 100);
+  std::nth_element(errors.squared_px.begin(), p95, errors.squared_px.end());
+  validation.held_out_p95_px = std::sqrt(*p95);
+  return validation;
+}
+
+Calibration ToCalibration(const Board& board, const BoardSightings& sightings,
+                          const RigCalibration& result, const CrossValidation* validation) {
+  Calibration calibration;
+  calibration.source = CalibrationSource::kCharuco;
+  const auto checks = CheckCameras(board, sightings, result, {});
+  double squares = 0;
+  for (size_t c = 0; c < sightings.cameras.size(); ++c) {
+    if (!result.model.cam_from_rig[c]) continue;
+    const CameraUncertainty& uncertainty = *result.uncertainty.cameras[c];
+    CalibratedCamera camera;
+    camera.camera = sightings.cameras[c].camera;
+    camera.serial = sightings.cameras[c].serial;
+    camera.intrinsics = result.model.intrinsics[c];
+    camera.cam_from_rig = *result.model.cam_from_rig[c];
+    camera.sigma = uncertainty.sigma;
+    camera.covariance = uncertainty.covariance;
+    camera.fit = CameraFit{checks[c].found, checks[c].kept, checks[c].rms_px,
+                           uncertainty.projection_mean_px, uncertainty.projection_max_px};
+    squares += std::pow(checks[c].rms_px, 2) * static_cast<double>(checks[c].kept);
+    calibration.cameras.push_back(std::move(camera));
+  }
+  for (size_t f = 0; f < board.faces.size(); ++f) {
+    if (!result.uncertainty.faces[f]) continue;
+    CalibratedFace face = result.model.faces[f];
+    const FaceUncertainty& sigma = *result.uncertainty.faces[f];
+    face.sigma = FaceSigma{sigma.rotation_deg, sigma.position_mm, sigma.bow_mm};
+    calibration.board.push_back(std::move(face));
+  }
+  CalibrationResiduals residuals;
+  residuals.corners = CornerCount(result.found);
+  residuals.kept = CornerCount(result.kept);
+  residuals.rms_px = std::sqrt(squares / static_cast<double>(residuals.kept));
+  residuals.noise = result.noise;
+  if (validation != nullptr) {
+    residuals.held_out_rms_px = validation->held_out_rms_px;
+    residuals.held_out_p95_px = validation->held_out_p95_px;
+    residuals.half_split_rotation_ratio = validation->rotation_ratio;
+    residuals.half_split_position_ratio = validation->position_ratio;
+  }
+  calibration.residuals = residuals;
+  return calibration;
+}
+
+}  // namespace rotunda::rig

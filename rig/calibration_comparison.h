@@ -1,0 +1,57 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "sfm/core/calibration.h"
+#include "sfm/core/result.h"
+
+namespace rotunda::rig {
+
+struct CalibrationComparisonOptions {
+  /// Probability that a comparison of two calibrations of an unchanged rig names any camera.
+  double false_alarm = 5e-4;
+  /// Standard deviations of a camera whose calibration does not say them; only their ratio matters,
+  /// the cameras' scatter gives the scale.
+  double default_rotation_deg = 0.005;
+  double default_position_mm = 0.15;
+};
+
+/// What changed of one camera, after the rigid alignment.
+struct CameraChange {
+  std::string camera;
+  double rotation_deg = 0;
+  double position_mm = 0;
+  /// Root of the change's squared Mahalanobis distance over its six degrees of freedom: about 1
+  /// when nothing changed.
+  double sigmas = 0;
+  bool moved = false;
+  std::optional<std::string> swapped_with;  // the camera in whose place it stands
+  double focal_percent = 0;
+  std::optional<double> focal_sigmas;
+  bool other_serial = false;
+};
+
+struct CalibrationComparison {
+  Rigid3 before_from_after;           // rig frames
+  std::vector<CameraChange> cameras;  // in both, by name
+  std::vector<std::string> only_before, only_after;
+  /// Cameras scatter this much more than their sigmas say (1: as they say); taken into account.
+  double inflation = 1;
+  double sigmas_limit = 0;  // of CameraChange::sigmas, before it counts as moved
+};
+
+/// The rigid motion between two calibrations' rig frames that most cameras agree on. kBadInput with
+/// no common camera.
+Result<Rigid3> AlignRigs(const Calibration& before, const Calibration& after,
+                         const CalibrationComparisonOptions& options);
+
+/// Which cameras moved between two calibrations: those whose change, relative to the rest, is
+/// beyond what both calibrations' covariances and the number of cameras explain. kBadInput below 3
+/// common cameras.
+Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
+                                                  const Calibration& after,
+                                                  const CalibrationComparisonOptions& options);
+
+}  // namespace rotunda::rig

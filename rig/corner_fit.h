@@ -1,0 +1,51 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+
+namespace cv {
+class Mat;
+}
+
+namespace rotunda::rig {
+
+/// What is known of a chessboard corner before it is measured.
+struct CornerGuess {
+  Eigen::Vector2d pixel;  // (0.5, 0.5) is the centre of the top-left pixel
+  /// Pixels per square along the board's x (first column) and y.
+  Eigen::Matrix2d px_per_square;
+  bool top_left_black = true;  // and bottom right
+  double marker_gap = 0.125;   // white between a square's edge and its marker, in squares
+};
+
+struct CornerFit {
+  Eigen::Vector2d pixel;
+  double sigma_px = 0;  // of each coordinate, from the noise that the fit left
+  double blur_px = 0;   // standard deviation of the edges' profile
+  double contrast = 0;  // grey levels between white and black
+  double residual = 0;  // root mean square, grey levels
+};
+
+struct CornerFitOptions {
+  /// The fit looks this far along the edges: half a square brings in the next corner's blur, and
+  /// over more than 12 px the edges of a distorted picture are no longer straight to 0.01 px.
+  double max_reach_squares = 0.42;
+  double max_reach_px = 12;
+  double min_contrast = 10;  // grey levels; less is not an edge in an 8-bit picture
+  /// The residual may be this share of the contrast. What is no chessboard corner leaves 0.2 and
+  /// more; curved edges, texture of paper and coding of JPEG leave up to 0.08.
+  double max_residual = 0.12;
+  /// Least standard deviation given to a corner: what the fit's model lacks (profiles that are not
+  /// Gaussian, pixels that are not filled) moves corners by this much without showing as noise.
+  double floor_px = 0.01;
+};
+
+/// Measures a corner by fitting two blurred edges that cross in it,
+///     I = K + C w + c w (1 - w) + w (g . (q - p)),   w = (1 -+ erf(d1 / s') erf(d2 / s')) / 2,
+/// d1, d2 the distances of pixel q from the edges through p, s' = sqrt(2) s, over the pixels along
+/// both edges that the markers do not reach. c takes up the camera's tone curve, g uneven light. By
+/// symmetry neither the curve nor the markers move p. nullopt when there is no such corner here.
+std::optional<CornerFit> FitCorner(const cv::Mat& grey, const CornerGuess& guess,
+                                   const CornerFitOptions& options);
+
+}  // namespace rotunda::rig

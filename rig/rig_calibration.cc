@@ -1,0 +1,454 @@
+#include "rig/rig_calibration.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+
+#include "rig/calibration_comparison.h"
+
+namespace rotunda::rig {
+namespace {
+
+/// Loss scale over the noise: errors up to about this many sigmas pull with nearly full weight.
+constexpr double kLossSigmas = 3.0;
+
+/// The drawing, or what the earlier calibration found where it knows the face.
+std::vector<FacePrior> PriorsOf(const Board& board, const Calibration* earlier) {
+  std::vector<FacePrior> priors = DrawnPriors(board);
+  if (earlier == nullptr) return priors;
+  for (FacePrior& prior : priors) {
+    for (const CalibratedFace& face : earlier->board) {
+      if (face.face != prior.face.face || !face.sigma) continue;
+      constexpr double kPerAxis = 0.57735;  // one of three axes, of the root of the trace
+      prior.face = face;
+      prior.position_sigma_m =
+          std::min(prior.position_sigma_m, kPerAxis * 1e-3 * face.sigma->position_mm);
+      prior.rotation_sigma_rad =
+          std::min(prior.rotation_sigma_rad, kPerAxis * RadFromDeg(face.sigma->rotation_deg));
+      prior.bow_sigma_m = std::min(prior.bow_sigma_m, kPerAxis * 1e-3 * face.sigma->bow_mm);
+    }
+  }
+  return priors;
+}
+
+Result<std::vector<std::optional<CameraIntrinsics>>> KnownIntrinsics(
+    const BoardSightings& sightings, const Calibration* from) {
+  std::vector<std::optional<CameraIntrinsics>> known(sightings.cameras.size());
+  if (from == nullptr) return known;
+  for (size_t c = 0; c < known.size(); ++c) {
+    const SightedCamera& camera = sightings.cameras[c];
+    const CalibratedCamera* earlier = from->Find(camera.camera);
+    if (earlier == nullptr) {
+      return Error{ErrorCode::kBadInput,
+                   "is not in the calibration whose intrinsics are to be kept; take one that has "
+                   "it, or calibrate without",
+                   camera.camera};
+    }
+    if (!camera.serial.empty() && !earlier->serial.empty() && camera.serial != earlier->serial) {
+      return Error{ErrorCode::kBadInput,
+                   "has serial " + camera.serial + ", in the earlier calibration " +
+                       earlier->serial +
+                       ": cameras were exchanged or swapped, so their intrinsics "
+                       "cannot be kept",
+                   camera.camera};
+    }
+    if (camera.width_px > 0 && (camera.width_px != earlier->intrinsics.width_px ||
+                                camera.height_px != earlier->intrinsics.height_px)) {
+      return Error{ErrorCode::kBadInput,
+                   "has pictures of another size than in the earlier calibration", camera.camera};
+    }
+    known[c] = earlier->intrinsics;
+  }
+  return known;
+}
+
+/// Covariances of the intrinsics that are kept, by camera; empty where the calibration has none.
+std::vector<Eigen::MatrixXd> HeldIntrinsics(const BoardSightings& sightings,
+                                            const Calibration* from) {
+  std::vector<Eigen::MatrixXd> held;
+  if (from == nullptr) return held;
+  for (const SightedCamera& camera : sightings.cameras) {
+    const CalibratedCamera* earlier = from->Find(camera.camera);
+    held.emplace_back();
+    if (earlier == nullptr || !earlier->covariance) continue;
+    const Eigen::Index params = earlier->covariance->rows() - kPoseSize;
+    held.back() = earlier->covariance->bottomRightCorner(params, params);
+  }
+  return held;
+}
+
+/// Parameters of the larger model, those it adds being 0.
+void ExtendModel(CameraModel model, RigModel& rig) {
+  for (CameraIntrinsics& intrinsics : rig.intrinsics) {
+    if (intrinsics.model != CameraModel::kOpencv || model != CameraModel::kFullOpencv) continue;
+    intrinsics.model = model;
+    intrinsics.params.resize(CameraParamCount(model), 0.0);
+  }
+}
+
+/// Robust rounds from the start: poses first, then everything, the loss following the noise down.
+Status AdjustRobustly(const RigProblem& problem, const std::vector<FaceView>& views,
+                      const FreeUnknowns& free, CameraModel lens, RigModel& model,
+                      RunContext& context) {
+  constexpr int kMostRounds = 10;
+  constexpr double kSettled = 0.02;  // change of the noise from round to round
+  RigSolveOptions options;
+  options.function_tolerance = 1e-4;
+  options.max_iterations = 15;
+  options.free = free;
+  options.free.intrinsics = options.free.faces = false;
+  double noise = NoiseScale(model, problem.shape, views);
+  for (int round = 0; round < kMostRounds; ++round) {
+    options.loss_scale = kLossSigmas * noise;
+    context.Report("adjustment", static_cast<size_t>(round), kMostRounds + 2);
+    ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, views, options, model, context));
+    const double now = NoiseScale(model, problem.shape, views);
+    const bool settled = std::abs(now - noise) < kSettled * noise;
+    noise = now;
+    if (round == 0) {
+      ExtendModel(lens, model);
+      options.free = free;
+      options.function_tolerance = 1e-5;
+    } else if (settled) {
+      break;
+    }
+  }
+  return {};
+}
+
+/// A threshold that `lost` of `count` normal deviates in the plane exceed: exp(-t^2 / 2) = share.
+double ThresholdSigmas(size_t count, double lost) {
+  return std::sqrt(2.0 * std::log(std::max(3.0, static_cast<double>(count) / lost)));
+}
+
+/// Share of a view's corners beyond `limit` sigmas.
+size_t WrongCorners(const RigModel& model, const BoardShape& shape, const FaceView& view,
+                    double limit) {
+  const auto residuals = Residuals_px(model, shape, view);
+  size_t wrong = 0;
+  for (size_t i = 0; i < residuals.size(); ++i) {
+    wrong += residuals[i].norm() > limit * view.corners[i].sigma_px;
+  }
+  return wrong;
+}
+
+struct PictureFit {
+  size_t corners = 0;
+  size_t wrong = 0;
+};
+
+/// By shot and camera.
+std::map<std::pair<size_t, size_t>, PictureFit> FitOfPictures(const RigModel& model,
+                                                              const BoardShape& shape,
+                                                              const std::vector<FaceView>& views,
+                                                              double limit) {
+  std::map<std::pair<size_t, size_t>, PictureFit> pictures;
+  for (const FaceView& view : views) {
+    if (!model.Has(view)) continue;
+    PictureFit& picture = pictures[{view.shot, view.camera}];
+    picture.corners += view.corners.size();
+    picture.wrong += WrongCorners(model, shape, view, limit);
+  }
+  return pictures;
+}
+
+/// Whether camera `a`'s views of the shot fit the pose of camera `b`.
+bool FitsPoseOf(size_t a, size_t b, size_t shot, const RigModel& model, const BoardShape& shape,
+                const std::vector<FaceView>& views, double limit) {
+  RigModel exchanged = model;
+  exchanged.cam_from_rig[a] = model.cam_from_rig[b];
+  exchanged.intrinsics[a] = model.intrinsics[b];
+  size_t corners = 0, wrong = 0;
+  for (const FaceView& view : views) {
+    if (view.camera != a || view.shot != shot) continue;
+    corners += view.corners.size();
+    wrong += WrongCorners(exchanged, shape, view, limit);
+  }
+  return corners > 0 && 2 * wrong < corners;
+}
+
+/// Pictures and shots most of whose corners do not fit.
+std::vector<DroppedPicture> FindMisfits(const BoardSightings& sightings, const RigModel& model,
+                                        const BoardShape& shape, const std::vector<FaceView>& views,
+                                        const RigCalibrationOptions& options) {
+  const double limit =
+      NoiseScale(model, shape, views) * ThresholdSigmas(CornerCount(views), options.lost_corners);
+  const auto pictures = FitOfPictures(model, shape, views, limit);
+  std::map<size_t, std::vector<size_t>> bad;  // cameras by shot
+  std::map<size_t, size_t> of;
+  for (const auto& [place, fit] : pictures) {
+    ++of[place.first];
+    if (static_cast<double>(fit.wrong) >
+        options.max_wrong_corners * static_cast<double>(fit.corners)) {
+      bad[place.first].push_back(place.second);
+    }
+  }
+  std::vector<DroppedPicture> dropped;
+  for (const auto& [shot, cameras] : bad) {
+    const auto share = static_cast<double>(cameras.size()) / static_cast<double>(of[shot]);
+    if (cameras.size() >= 2 && share > options.max_wrong_pictures) {
+      dropped.push_back({shot, std::nullopt,
+                         std::to_string(cameras.size()) + " of " + std::to_string(of[shot]) +
+                             " pictures do not fit together: the board moved while the shot was "
+                             "taken, or pictures of different moments are mixed; take it again"});
+      continue;
+    }
+    for (const size_t camera : cameras) {
+      std::string reason =
+          "does not fit the other cameras' pictures of this shot: it was taken at another moment, "
+          "or is not this camera's";
+      for (const size_t other : cameras) {
+        if (other != camera && FitsPoseOf(camera, other, shot, model, shape, views, limit)) {
+          reason = "is the picture of " + sightings.cameras[other].camera +
+                   ": the two cameras are swapped in this shot";
+        }
+      }
+      dropped.push_back({shot, camera, reason});
+    }
+  }
+  return dropped;
+}
+
+std::vector<FaceView> Without(const std::vector<FaceView>& views,
+                              const std::vector<DroppedPicture>& dropped) {
+  std::vector<FaceView> rest;
+  for (const FaceView& view : views) {
+    const bool out = std::any_of(dropped.begin(), dropped.end(), [&](const DroppedPicture& d) {
+      return d.shot == view.shot && (!d.camera || *d.camera == view.camera);
+    });
+    if (!out) rest.push_back(view);
+  }
+  return rest;
+}
+
+/// Views of posed cameras and shots, with the corners within `limit` sigmas.
+std::vector<FaceView> Within(const RigModel& model, const BoardShape& shape,
+                             const std::vector<FaceView>& views, double limit) {
+  std::vector<FaceView> kept;
+  for (const FaceView& view : views) {
+    if (!model.Has(view)) continue;
+    const auto residuals = Residuals_px(model, shape, view);
+    FaceView some = view;
+    some.corners.clear();
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      if (residuals[i].norm() <= limit * view.corners[i].sigma_px) {
+        some.corners.push_back(view.corners[i]);
+      }
+    }
+    if (!some.corners.empty()) kept.push_back(std::move(some));
+  }
+  return kept;
+}
+
+/// Takes the poses of cameras with too few corners and of shots with none.
+void DropUnseen(const std::vector<FaceView>& kept, size_t min_corners, RigCalibration& result) {
+  std::vector<size_t> by_camera(result.model.cam_from_rig.size(), 0);
+  std::vector<size_t> by_shot(result.model.rig_from_board.size(), 0);
+  for (const FaceView& view : kept) by_camera[view.camera] += view.corners.size();
+  for (size_t c = 0; c < by_camera.size(); ++c) {
+    if (!result.model.cam_from_rig[c] || by_camera[c] >= min_corners) continue;
+    result.model.cam_from_rig[c].reset();
+    result.camera_problem[c] = "only " + std::to_string(by_camera[c]) +
+                               " corners that fit, expected at least " +
+                               std::to_string(min_corners) + ": show this camera more of the board";
+  }
+  for (const FaceView& view : kept) {
+    if (result.model.cam_from_rig[view.camera]) by_shot[view.shot] += view.corners.size();
+  }
+  for (size_t s = 0; s < by_shot.size(); ++s) {
+    if (!result.model.rig_from_board[s] || by_shot[s] > 0) continue;
+    result.model.rig_from_board[s].reset();
+    if (result.shot_problem[s].empty()) result.shot_problem[s] = "no picture of it fits";
+  }
+}
+
+/// Least squares over the corners within the threshold, until the set stays the same.
+Status AdjustFinally(const RigProblem& problem, const std::vector<FaceView>& views,
+                     const RigCalibrationOptions& options, RigCalibration& result,
+                     RunContext& context) {
+  constexpr int kMostRounds = 6;
+  const double sigmas = ThresholdSigmas(CornerCount(views), options.lost_corners);
+  size_t before = SIZE_MAX;
+  for (int round = 0; round < kMostRounds; ++round) {
+    const double noise = NoiseScale(result.model, problem.shape, views);
+    result.kept = Within(result.model, problem.shape, views, sigmas * noise);
+    DropUnseen(result.kept, options.min_camera_corners, result);
+    std::erase_if(result.kept, [&](const FaceView& view) { return !result.model.Has(view); });
+    if (result.kept.empty()) {
+      return Error{ErrorCode::kFailed, "no camera sees enough corners that fit together", ""};
+    }
+    if (CornerCount(result.kept) == before) break;
+    before = CornerCount(result.kept);
+    ROTUNDA_ASSIGN_OR_RETURN(result.model,
+                             Readjust(problem, result.kept, result.free, result.model, context));
+  }
+  return {};
+}
+
+/// Why pictures could not be used: how many of each kind ("blurred: ..."), and the first one's
+/// words.
+class PictureReasons {
+ public:
+  void Add(const BoardSighting& sighting) {
+    const std::string& reason =
+        sighting.detection ? sighting.detection->unusable : sighting.missing;
+    if (reason.empty()) return;
+    auto& [count, first] = kinds_[reason.substr(0, reason.find(':'))];
+    if (count++ == 0) first = reason;
+  }
+  std::string Text() const {
+    std::string text;
+    for (const auto& [kind, reasons] : kinds_) {
+      text += "; " + std::to_string(reasons.first) + " x " + reasons.second;
+    }
+    return text;
+  }
+
+ private:
+  std::map<std::string, std::pair<size_t, std::string>> kinds_;
+};
+
+/// Tells of cameras and shots without a pose what was wrong with their pictures.
+void ExplainMissing(const BoardSightings& sightings, RigCalibration& result) {
+  for (size_t c = 0; c < sightings.cameras.size(); ++c) {
+    PictureReasons reasons;
+    for (const auto& row : sightings.sightings) reasons.Add(row[c]);
+    if (!result.model.cam_from_rig[c]) result.camera_problem[c] += reasons.Text();
+  }
+  for (size_t s = 0; s < sightings.shots.size(); ++s) {
+    PictureReasons reasons;
+    for (const BoardSighting& sighting : sightings.sightings[s]) reasons.Add(sighting);
+    if (!result.model.rig_from_board[s]) result.shot_problem[s] += reasons.Text();
+  }
+}
+
+Status CheckSightings(const BoardSightings& sightings, const std::vector<FaceView>& views) {
+  if (!views.empty()) return {};
+  size_t unusable = 0, pictures = 0;
+  std::string first;
+  for (const auto& shot : sightings.sightings) {
+    for (const BoardSighting& sighting : shot) {
+      ++pictures;
+      if (!sighting.detection || sighting.detection->unusable.empty()) continue;
+      ++unusable;
+      if (first.empty()) first = sighting.detection->unusable;
+    }
+  }
+  std::string why = "no picture of " + std::to_string(pictures) +
+                    " shows the board: is it the one of the board file, and are the pictures not "
+                    "mirrored?";
+  if (unusable > 0) why += " (" + std::to_string(unusable) + " unusable, first: " + first + ")";
+  return Error{ErrorCode::kBadInput, why, ""};
+}
+
+Calibration AsCalibration(const RigCalibration& result, const BoardSightings& sightings) {
+  Calibration calibration;
+  for (size_t c = 0; c < sightings.cameras.size(); ++c) {
+    if (!result.model.cam_from_rig[c]) continue;
+    CalibratedCamera camera;
+    camera.camera = sightings.cameras[c].camera;
+    camera.serial = sightings.cameras[c].serial;
+    camera.intrinsics = result.model.intrinsics[c];
+    camera.cam_from_rig = *result.model.cam_from_rig[c];
+    calibration.cameras.push_back(std::move(camera));
+  }
+  return calibration;
+}
+
+Status ChooseFrame(const BoardSightings& sightings, const RigCalibrationOptions& options,
+                   RigCalibration& result) {
+  if (options.frame_from == nullptr) {
+    for (const auto& shot : result.model.rig_from_board) {
+      if (!shot) continue;
+      ChangeFrame(shot->Inverse(), result);
+      return {};
+    }
+    return {};
+  }
+  const Result<Rigid3> alignment =
+      AlignRigs(*options.frame_from, AsCalibration(result, sightings), {});
+  if (!alignment) return alignment.error().In("rig frame of the earlier calibration");
+  ChangeFrame(*alignment, result);
+  return {};
+}
+
+}  // namespace
+
+Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>& views,
+                          const FreeUnknowns& free, const RigModel& model, RunContext& context) {
+  RigSolveOptions options;
+  options.free = free;
+  RigModel adjusted = model;
+  ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, views, options, adjusted, context));
+  return adjusted;
+}
+
+void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration) {
+  const Rigid3 rig_from_new = new_from_rig.Inverse();
+  for (auto& pose : calibration.model.cam_from_rig) {
+    if (pose) pose = *pose * rig_from_new;
+  }
+  for (auto& pose : calibration.model.rig_from_board) {
+    if (pose) pose = new_from_rig * *pose;
+  }
+  const Eigen::Matrix3d turn = new_from_rig.RotationMatrix();
+  for (auto& camera : calibration.uncertainty.cameras) {
+    if (!camera) continue;
+    Eigen::MatrixXd& covariance = camera->covariance;
+    covariance.middleRows<3>(3) = (turn * covariance.middleRows<3>(3)).eval();
+    covariance.middleCols<3>(3) = (covariance.middleCols<3>(3) * turn.transpose()).eval();
+  }
+}
+
+Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
+                                    const RigCalibrationOptions& options, RunContext& context) {
+  ROTUNDA_RETURN_IF_ERROR(board.Validate());
+  RigCalibration result;
+  result.found = ViewsOf(sightings);
+  ROTUNDA_RETURN_IF_ERROR(CheckSightings(sightings, result.found));
+  ROTUNDA_ASSIGN_OR_RETURN(const auto known, KnownIntrinsics(sightings, options.intrinsics_from));
+  result.free.intrinsics = options.intrinsics_from == nullptr;
+  result.held_intrinsics = HeldIntrinsics(sightings, options.intrinsics_from);
+  result.priors = PriorsOf(board, options.intrinsics_from);
+  const BoardShape shape = ShapeOf(board);
+  const RigProblem problem = {board, shape, result.priors};
+
+  context.Report("start", 0, 1);
+  ROTUNDA_ASSIGN_OR_RETURN(
+      CalibrationStart start,
+      StartCalibration(problem, result.found, sightings.cameras, known, options.start, context));
+  context.Report("start", 1, 1);
+  result.model = std::move(start.model);
+  result.camera_problem = std::move(start.camera_problem);
+  result.drawing_refused = start.drawing_refused;
+  if (start.drawing_refused) {
+    for (FacePrior& prior : result.priors) {
+      prior.position_sigma_m = prior.rotation_sigma_rad = std::numeric_limits<double>::infinity();
+    }
+  }
+  result.shot_problem = std::move(start.shot_problem);
+  result.shot_problem.resize(sightings.shots.size(), "no camera saw the board");
+  result.model.rig_from_board.resize(sightings.shots.size());
+
+  ROTUNDA_RETURN_IF_ERROR(
+      AdjustRobustly(problem, result.found, result.free, options.model, result.model, context));
+  result.dropped = FindMisfits(sightings, result.model, shape, result.found, options);
+  for (const DroppedPicture& dropped : result.dropped) {
+    if (!dropped.camera) result.shot_problem[dropped.shot] = dropped.reason;
+  }
+  const std::vector<FaceView> fitting = Without(result.found, result.dropped);
+  ROTUNDA_RETURN_IF_ERROR(AdjustFinally(problem, fitting, options, result, context));
+  result.noise = std::sqrt(NoiseVariance(problem, result.kept, result.model, result.free));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      result.uncertainty,
+      BuildUncertainty(problem, WithNoise(result.kept, result.noise), result.model, result.free,
+                       result.held_intrinsics, context));
+  ExplainMissing(sightings, result);
+  ROTUNDA_RETURN_IF_ERROR(ChooseFrame(sightings, options, result));
+  context.Report("adjustment", 1, 1);
+  return result;
+}
+
+}  // namespace rotunda::rig

@@ -1,0 +1,70 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "rig/calibration_start.h"
+#include "rig/rig_uncertainty.h"
+#include "sfm/core/calibration.h"
+
+namespace rotunda::rig {
+
+struct RigCalibrationOptions {
+  CameraModel model = CameraModel::kOpencv;  // or kFullOpencv
+  /// Holds the intrinsics of these cameras, and takes the target's geometry found then as prior.
+  const Calibration* intrinsics_from = nullptr;
+  /// Rig frame: that of this calibration, by a rigid fit that cameras which moved do not drag;
+  /// else the board's frame in the first shot.
+  const Calibration* frame_from = nullptr;
+  CalibrationStartOptions start;
+  /// How many good corners may be lost to the outlier threshold, in all pictures together.
+  double lost_corners = 0.5;
+  /// A picture with more of its corners beyond the threshold is dropped whole, and a shot with more
+  /// of its pictures.
+  double max_wrong_corners = 0.5;
+  double max_wrong_pictures = 0.3;
+  /// A camera with fewer corners is not calibrated.
+  size_t min_camera_corners = 24;
+};
+
+/// A picture or shot that was left out, and why.
+struct DroppedPicture {
+  size_t shot = 0;
+  std::optional<size_t> camera;  // nullopt: the whole shot
+  std::string reason;
+};
+
+/// Everything a calibration found. Indices are those of BoardSightings and Board.
+struct RigCalibration {
+  RigModel model;               // in the rig frame
+  std::vector<FaceView> found;  // all corners of usable pictures
+  std::vector<FaceView> kept;   // those that the result stands on
+  double noise = 0;             // of the corners, in units of their sigma_px
+  RigUncertainty uncertainty;   // with that noise
+  FreeUnknowns free;
+  std::vector<std::string> camera_problem;  // by camera; empty when it is calibrated
+  std::vector<std::string> shot_problem;    // by shot; empty when it was used
+  std::vector<DroppedPicture> dropped;
+  std::vector<FacePrior> priors;
+  std::vector<Eigen::MatrixXd> held_intrinsics;  // as BuildUncertainty takes it
+  /// The faces stand otherwise than the board file draws them: they were found from the pictures.
+  bool drawing_refused = false;
+};
+
+/// Joint adjustment of all cameras, shots and faces: start, robust rounds, whole pictures and shots
+/// that do not fit taken out, then corners beyond the threshold that the noise itself gives, until
+/// the set stays the same. Errors name what is missing. The stages reported are "start" and
+/// "adjustment".
+Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
+                                    const RigCalibrationOptions& options, RunContext& context);
+
+/// The result in another frame.
+void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration);
+
+/// Takes corners, one way of the adjustment that other parts repeat with a part of the corners:
+/// least squares from `model`.
+Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>& views,
+                          const FreeUnknowns& free, const RigModel& model, RunContext& context);
+
+}  // namespace rotunda::rig

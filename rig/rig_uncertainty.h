@@ -1,0 +1,55 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "rig/rig_solver.h"
+
+namespace rotunda::rig {
+
+/// How well the pictures determine a camera.
+struct CameraUncertainty {
+  /// Of its unknowns (kPoseSize and the intrinsics' parameters, as in NormalEquations); held ones
+  /// have rows and columns of 0.
+  Eigen::MatrixXd covariance;
+  PoseSigma sigma;
+  /// One standard deviation of where a point of the rig frame appears, root of the sum over both
+  /// axes: mean and largest over the picture, at the distance of the board.
+  double projection_mean_px = 0;
+  double projection_max_px = 0;
+};
+
+struct FaceUncertainty {
+  double rotation_deg = 0;  // roots of the traces, as PoseSigma
+  double position_mm = 0;   // of the face's middle
+  double bow_mm = 0;
+};
+
+struct RigUncertainty {
+  std::vector<std::optional<CameraUncertainty>> cameras;  // nullopt: no pose
+  std::vector<std::optional<FaceUncertainty>> faces;      // nullopt: never seen
+};
+
+/// Covariances from the normal equations at the solution of SolveRig without loss, the views'
+/// sigma_px being the true noise. Gauge: cameras are given relative to the rigid fit of all camera
+/// centres, the faces relative to the rigid fit of all faces' outer corners (inner constraints;
+/// Triggs et al. 2000, section 9): what is left after one rigid motion is what a comparison with
+/// truth or with another calibration sees. Intrinsics that were held but are not exact go into
+/// their camera's poses: `held_intrinsics` has their covariance by camera (empty: exact; what they
+/// do to the shots, which many cameras see, is left out). kFailed when something is not determined.
+Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
+                                        const std::vector<FaceView>& views, const RigModel& model,
+                                        const FreeUnknowns& free,
+                                        const std::vector<Eigen::MatrixXd>& held_intrinsics,
+                                        RunContext& context);
+
+/// The views with every sigma_px times `scale`.
+std::vector<FaceView> WithNoise(std::vector<FaceView> views, double scale);
+
+/// Sum of squared errors in units of sigma_px, over the redundancy: the noise variance in units of
+/// the detector's, at a least-squares solution.
+double NoiseVariance(const RigProblem& problem, const std::vector<FaceView>& views,
+                     const RigModel& model, const FreeUnknowns& free);
+
+}  // namespace rotunda::rig

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "rig/board_sightings.h"
+#include "rig/calibration_result.h"
+
+namespace rotunda::bench {
+
+/// A calibration as the command makes it, with the time of each stage.
+struct CalibrationRun {
+  rig::RigCalibration result;
+  rig::CrossValidation validation;
+  Calibration file;
+  std::string times;
+};
+
+struct CalibrationRunOptions {
+  const Calibration* intrinsics_from = nullptr;
+  bool validate = true;
+};
+
+/// Ends the program when the calibration fails.
+CalibrationRun Calibrate(const rig::Board& board, const rig::BoardSightings& sightings,
+                         const CalibrationRunOptions& options, ThreadPool& threads);
+
+/// The board in all pictures of a folder of shots, and how long that took.
+struct TimedSightings {
+  rig::BoardSightings sightings;
+  size_t pictures = 0;
+  double seconds = 0;
+};
+TimedSightings Detect(const std::filesystem::path& folder, const rig::Board& board,
+                      ThreadPool& threads);
+
+/// A row of errors, under the heading.
+void PrintTruthHeading();
+void PrintAgainstTruth(const rig::Board& board, const CalibrationRun& run, const Calibration& truth,
+                       const std::string& name);
+
+}  // namespace rotunda::bench

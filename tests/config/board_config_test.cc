@@ -1,0 +1,102 @@
+#include "config/board_config.h"
+
+#include <gtest/gtest.h>
+
+namespace rotunda::config {
+namespace {
+
+const std::filesystem::path kConfig = std::filesystem::path(ROTUNDA_SOURCE_DIR) / "config";
+
+TEST(BoardConfig, ShippedCuboidHoldsTheDefaults) {
+  const auto cuboid = ReadBoard(kConfig / "cuboid.toml");
+  ASSERT_TRUE(cuboid) << cuboid.error().ToString();
+  const rig::Board defaults = rig::CuboidBoard({});
+  ASSERT_EQ(cuboid->faces.size(), defaults.faces.size());
+  for (size_t f = 0; f < defaults.faces.size(); ++f) {
+    const rig::BoardFace &a = cuboid->faces[f], &b = defaults.faces[f];
+    EXPECT_EQ(a.name, b.name);
+    EXPECT_EQ(a.columns, b.columns);
+    EXPECT_EQ(a.rows, b.rows);
+    EXPECT_EQ(a.first_id, b.first_id);
+    EXPECT_EQ(a.dictionary, b.dictionary);
+    EXPECT_NEAR(a.square_m, b.square_m, 1e-15);
+    EXPECT_NEAR(a.marker_m, b.marker_m, 1e-15);
+    EXPECT_NEAR(a.margin_m, b.margin_m, 1e-15);
+    EXPECT_LT((a.board_from_face.Matrix() - b.board_from_face.Matrix()).norm(), 1e-12);
+  }
+  EXPECT_NEAR(cuboid->bow_sigma_m, defaults.bow_sigma_m, 1e-15);
+  EXPECT_NEAR(cuboid->face_position_sigma_m, defaults.face_position_sigma_m, 1e-15);
+}
+
+TEST(BoardConfig, EveryShippedBoardIsAccepted) {
+  int boards = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(kConfig / "boards")) {
+    const auto board = ReadBoard(entry.path());
+    EXPECT_TRUE(board) << board.error().ToString();
+    ++boards;
+  }
+  EXPECT_EQ(boards, 2);
+}
+
+TEST(BoardConfig, FacesTakeTheBoardsValuesAndTheirPlaces) {
+  const auto board = ParseBoard(
+      "[[face]]\nname='a'\ncolumns=5\nrows=7\norigin_mm=[10,0,0]\nright=[0,2,0]\ndown=[0,0,-1]\n"
+      "[[face]]\nname='b'\ncolumns=5\nrows=4\nlegacy_pattern=true\nfirst_id=17\nsquare_mm=12\n"
+      "marker_mm=9\n"
+      "[board]\ndictionary='5X5_100'\nsquare_mm=20\nmarker_mm=15\n",
+      "b.toml");
+  ASSERT_TRUE(board) << board.error().ToString();
+  ASSERT_EQ(board->faces.size(), 2u);
+  const rig::BoardFace& a = board->faces[0];
+  EXPECT_EQ(a.dictionary, "5X5_100");
+  EXPECT_NEAR(a.square_m, 0.020, 1e-15);
+  EXPECT_NEAR(board->faces[1].square_m, 0.012, 1e-15);
+  EXPECT_LT(
+      (a.board_from_face * Eigen::Vector3d(0.02, 0.04, 0) - Eigen::Vector3d(0.01, 0.02, -0.04))
+          .norm(),
+      1e-12);
+}
+
+struct BadText {
+  const char* text;
+  const char* where;
+  const char* says;
+};
+
+class BadBoard : public testing::TestWithParam<BadText> {};
+
+TEST_P(BadBoard, IsRefusedWithFileLineKeyAndWhatIsAllowed) {
+  const auto board = ParseBoard(GetParam().text, "my.toml");
+  ASSERT_FALSE(board);
+  EXPECT_EQ(board.error().code, ErrorCode::kBadInput);
+  EXPECT_EQ(board.error().context, GetParam().where);
+  EXPECT_NE(board.error().message.find(GetParam().says), std::string::npos)
+      << board.error().message;
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    BoardConfig, BadBoard,
+    testing::Values(
+        BadText{"[cuboid]\nrows = 24\n", "my.toml:2: cuboid.rows", "an odd number from 3"},
+        BadText{"[cuboid]\nrows = 45\ncolumns = 9\n", "my.toml: face[2].first_id", "0 to 385"},
+        BadText{"[cuboid]\ntop = 1\n", "my.toml:2: cuboid.top", "expected true or false"},
+        BadText{"[cuboid]\n[[face]]\nname='a'\n", "my.toml:1: cuboid", "expected one of them"},
+        BadText{"[board]\nsquare_mm = 0\n[[face]]\nname='a'\ncolumns=3\nrows=3\n",
+                "my.toml:3: face[0].square_mm", "is 0, allowed is 0.1"},
+        BadText{"[[face]]\nname='a'\ncolumns=3\nrows=4\n", "my.toml:1: face[0].legacy_pattern",
+                "is missing"},
+        BadText{"[[face]]\nname='a'\ncolumns=3\nrows=3\ndictionary='8X8'\n",
+                "my.toml:5: face[0].dictionary", "is '8X8', allowed are 4X4_50,"},
+        BadText{"[[face]]\nname='a'\ncolumns=3\nrows=3\n[[face]]\nname='b'\ncolumns=3\nrows=3\n"
+                "first_id=3\n",
+                "my.toml:9: face[1].first_id", "leaves the ids 0 to 3 to face 'a'"},
+        BadText{"[[face]]\nname='a'\ncolumns=3\nrows=3\ndown=[1,0.1,0]\n",
+                "my.toml:1: face[0].right", "right angle"},
+        BadText{"[[face]]\nname='a'\ncolumns=3\nrows=3\ndown=[1,0]\n", "my.toml:5: face[0].down",
+                "three numbers"},
+        BadText{"[[face]]\ncolumns=3\nrows=3\n", "my.toml:1: face[0].name", "is empty"},
+        BadText{"[[face]]\nname=3\n", "my.toml:2: face[0].name", "expected a string"},
+        BadText{"[[faces]]\nname='a'\n", "my.toml:1: faces[0]", "allowed are the tables board"}));
+
+}  // namespace
+}  // namespace rotunda::config

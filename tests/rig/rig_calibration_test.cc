@@ -1,0 +1,335 @@
+#include "rig/rig_calibration.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "rig/calibration_checks.h"
+#include "rig/calibration_comparison.h"
+#include "rig/calibration_report.h"
+#include "rig/calibration_result.h"
+#include "sfm/core/evaluate.h"
+#include "tests/support/projected_corners.h"
+
+// Calibrations of simulated rigs from projected corners, against truth. The full size (90 cameras,
+// 12 shots, 5 seeds) is the benchmark's: tests/bench/calibration.cc.
+
+namespace rotunda::rig {
+namespace {
+
+using test::ProjectCorners;
+using test::ProjectedOptions;
+using test::ProjectedRig;
+
+ProjectedOptions SmallRig(uint64_t seed) {
+  ProjectedOptions options;
+  options.cameras = 30;
+  options.shots = 6;
+  options.rig_seed = options.noise_seed = seed;
+  return options;
+}
+
+Result<RigCalibration> Calibrate(const ProjectedRig& world,
+                                 const RigCalibrationOptions& options = {}, int threads = 0) {
+  ThreadPool pool(threads);
+  RunContext context{pool};
+  return CalibrateRig(world.board, world.sightings, options, context);
+}
+
+Calibration AsFile(const ProjectedRig& world, const RigCalibration& result) {
+  return ToCalibration(world.board, world.sightings, result, nullptr);
+}
+
+TEST(RigCalibration, FindsCamerasTargetAndTheirUncertainty) {
+  double rotation = 0, position = 0;
+  constexpr int kSeeds = 3;
+  for (uint64_t seed = 1; seed <= kSeeds; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    const ProjectedRig world = ProjectCorners(SmallRig(seed));
+    const auto result = Calibrate(world);
+    ASSERT_TRUE(result.ok()) << result.error().ToString();
+    const auto errors = EvaluateCalibration(AsFile(world, *result), world.truth);
+    ASSERT_TRUE(errors.ok());
+    EXPECT_EQ(errors->registered, 30u);
+    // Half the shots of the full rig: its 0.005 deg and 0.15 mm times the root of two.
+    EXPECT_LT(errors->mean_rotation_deg, 0.0085);
+    EXPECT_LT(errors->mean_position_mm, 0.21);
+    EXPECT_LT(test::BoardError_mm(world.board, result->model.faces, world.truth.board), 0.05);
+    EXPECT_NEAR(result->noise, 1.0, 0.03) << "the corners' sigmas are true";
+    EXPECT_TRUE(result->dropped.empty());
+    for (const CalibratedCamera& camera : AsFile(world, *result).cameras) {
+      const double true_px = world.truth.Find(camera.camera)->intrinsics.MeanFocal_px();
+      EXPECT_LT(std::abs(camera.intrinsics.MeanFocal_px() - true_px), 5 * *camera.sigma->focal_px)
+          << camera.camera;
+    }
+    rotation += std::pow(*errors->rotation_error_over_sigma, 2) / kSeeds;
+    position += std::pow(*errors->position_error_over_sigma, 2) / kSeeds;
+  }
+  EXPECT_GT(rotation, 0.7);
+  EXPECT_LT(rotation, 1.5);
+  EXPECT_GT(position, 0.7);
+  EXPECT_LT(position, 1.5);
+}
+
+TEST(RigCalibration, WrongCornersAreTakenOutAndGoodOnesKept) {
+  ProjectedOptions options = SmallRig(4);
+  options.wrong_share = 0.03;
+  const ProjectedRig world = ProjectCorners(options);
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  const double kept = static_cast<double>(CornerCount(result->kept)) /
+                      static_cast<double>(CornerCount(result->found));
+  EXPECT_NEAR(kept, 0.97, 0.003);
+  EXPECT_NEAR(result->noise, 1.0, 0.03);
+}
+
+TEST(RigCalibration, OneShotIsEnoughWithKnownLensesAndTarget) {
+  const ProjectedRig world = ProjectCorners(SmallRig(5));
+  const auto before = Calibrate(world);
+  ASSERT_TRUE(before.ok());
+  const Calibration earlier = AsFile(world, *before);
+  ProjectedOptions daily = SmallRig(5);
+  daily.shots = 1;
+  daily.first_placement = 40;
+  daily.noise_seed = 77;
+  const ProjectedRig today = ProjectCorners(daily);
+  RigCalibrationOptions options;
+  options.intrinsics_from = options.frame_from = &earlier;
+  const auto result = Calibrate(today, options);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  const Calibration found = AsFile(today, *result);
+  const auto errors = EvaluateCalibration(found, today.truth);
+  ASSERT_TRUE(errors.ok());
+  EXPECT_EQ(errors->registered, 30u);
+  EXPECT_LT(errors->mean_rotation_deg, 0.01 * std::sqrt(2));
+  EXPECT_LT(errors->mean_position_mm, 0.3);
+  // The lenses' own uncertainty is in the sigmas.
+  EXPECT_LT(*errors->rotation_error_over_sigma, 1.3);
+  EXPECT_LT(*errors->position_error_over_sigma, 1.3);
+  // In the earlier frame without any alignment.
+  for (const CalibratedCamera& camera : found.cameras) {
+    const Eigen::Vector3d then = earlier.Find(camera.camera)->cam_from_rig.OriginInSource();
+    EXPECT_LT((camera.cam_from_rig.OriginInSource() - then).norm(), 2e-3) << camera.camera;
+    EXPECT_EQ(camera.intrinsics.params, earlier.Find(camera.camera)->intrinsics.params);
+  }
+}
+
+TEST(RigCalibration, TheSameBytesOnAnyNumberOfThreads) {
+  ProjectedOptions options = SmallRig(6);
+  options.cameras = 8;
+  options.shots = 5;
+  const ProjectedRig world = ProjectCorners(options);
+  std::vector<std::string> texts;
+  for (const int threads : {1, 4}) {
+    const auto result = Calibrate(world, {}, threads);
+    ASSERT_TRUE(result.ok());
+    ThreadPool pool(threads);
+    RunContext context{pool};
+    const auto validation = CrossValidate(world.board, *result, {}, context);
+    ASSERT_TRUE(validation.ok());
+    const Calibration file = ToCalibration(world.board, world.sightings, *result, &*validation);
+    const auto checks = CheckCameras(world.board, world.sightings, *result, {});
+    texts.push_back(CalibrationToJson(file) + BuildCalibrationReport({world.board,
+                                                                      world.sightings,
+                                                                      *result,
+                                                                      file,
+                                                                      checks,
+                                                                      *validation,
+                                                                      std::nullopt,
+                                                                      {"<note>"}}));
+    EXPECT_EQ(texts.back().find("<note>"), std::string::npos) << "text is not markup";
+    const auto again = CalibrationFromJson(CalibrationToJson(file), "written");
+    ASSERT_TRUE(again.ok()) << again.error().ToString();
+    EXPECT_EQ(CalibrationToJson(*again), CalibrationToJson(file));
+  }
+  EXPECT_EQ(texts[0], texts[1]);
+}
+
+TEST(RigCalibration, HeldOutCornersAndHalvesAgreeWithTheNoise) {
+  const ProjectedRig world = ProjectCorners(SmallRig(7));
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok());
+  ThreadPool pool(0);
+  RunContext context{pool};
+  const auto validation = CrossValidate(world.board, *result, {}, context);
+  ASSERT_TRUE(validation.ok()) << validation.error().ToString();
+  const double rms_px = AsFile(world, *result).residuals->rms_px;
+  EXPECT_GT(validation->held_out_rms_px, rms_px);
+  EXPECT_LT(validation->held_out_rms_px, 1.1 * rms_px);
+  EXPECT_GT(validation->held_out_p95_px, validation->held_out_rms_px);
+  ASSERT_TRUE(validation->rotation_ratio && validation->position_ratio);
+  EXPECT_GT(*validation->rotation_ratio, 0.6);
+  EXPECT_LT(*validation->rotation_ratio, 1.5);
+  EXPECT_GT(*validation->position_ratio, 0.6);
+  EXPECT_LT(*validation->position_ratio, 1.5);
+}
+
+TEST(RigCalibration, FacesOfUnknownPlaceAreFoundFromThePictures) {
+  for (const bool wrong_drawing : {false, true}) {
+    SCOPED_TRACE(wrong_drawing ? "wrong drawing" : "no drawing");
+    ProjectedRig world = ProjectCorners(SmallRig(8));
+    for (BoardFace& face : world.board.faces) {
+      if (wrong_drawing) {  // printed upside down, all of them
+        const Rigid3 turned = {Eigen::Quaterniond(0, 0, 0, 1), 2 * FaceMiddle(face)};
+        face.board_from_face = face.board_from_face * turned;
+      } else {
+        face.board_from_face = Rigid3{};
+      }
+    }
+    if (!wrong_drawing) {
+      world.board.face_position_sigma_m = world.board.face_rotation_sigma_rad = INFINITY;
+    }
+    const auto result = Calibrate(world);
+    ASSERT_TRUE(result.ok()) << result.error().ToString();
+    EXPECT_EQ(result->drawing_refused, wrong_drawing);
+    EXPECT_LT(test::BoardError_mm(world.board, result->model.faces, world.truth.board), 0.05);
+    const auto errors = EvaluateCalibration(AsFile(world, *result), world.truth);
+    ASSERT_TRUE(errors.ok());
+    EXPECT_EQ(errors->registered, 30u);
+    EXPECT_LT(errors->mean_position_mm, 0.25);
+  }
+}
+
+// Mean inputs: the right result, or what is wrong is named.
+
+/// What camera `c` of the world sees in shot `s` when it really is `camera`, the board at
+/// `rig_from_board`.
+void Replace(ProjectedRig& world, size_t s, size_t c, const CalibratedCamera& camera,
+             const Rigid3& rig_from_board) {
+  world.sightings.sightings[s][c].detection =
+      test::ProjectView(world, camera, rig_from_board, ProjectedOptions{}, 1000 * s + c);
+}
+
+TEST(RigCalibration, ACameraUpsideDownIsCalibratedLikeTheOthers) {
+  Calibration truth = ProjectCorners(SmallRig(9)).truth;
+  CalibratedCamera& camera = truth.cameras[4];
+  const Eigen::Quaterniond half_turn(0, 0, 0, 1);
+  camera.cam_from_rig = Rigid3{half_turn, Eigen::Vector3d::Zero()} * camera.cam_from_rig;
+  const ProjectedRig world = ProjectCorners(SmallRig(9), truth);
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok());
+  const auto errors = EvaluateCalibration(AsFile(world, *result), world.truth);
+  ASSERT_TRUE(errors.ok());
+  EXPECT_EQ(errors->registered, 30u);
+  EXPECT_LT(errors->max_rotation_deg, 0.06);
+}
+
+TEST(RigCalibration, AShotInWhichTheBoardMovedIsLeftOutByName) {
+  ProjectedRig world = ProjectCorners(SmallRig(10));
+  Rigid3 later = world.rig_from_board[2];
+  later.translation += Eigen::Vector3d(0.003, -0.002, 0);  // while half of the cameras took it
+  for (size_t c = 0; c < world.truth.cameras.size(); c += 2) {
+    Replace(world, 2, c, world.truth.cameras[c], later);
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  EXPECT_NE(result->shot_problem[2].find("moved"), std::string::npos) << result->shot_problem[2];
+  for (const size_t s : {0, 1, 3, 4, 5}) EXPECT_TRUE(result->shot_problem[s].empty()) << s;
+  const auto errors = EvaluateCalibration(AsFile(world, *result), world.truth);
+  ASSERT_TRUE(errors.ok());
+  EXPECT_LT(errors->mean_position_mm, 0.25);
+}
+
+TEST(RigCalibration, TwoCamerasSwappedInOneShotAreNamed) {
+  ProjectedRig world = ProjectCorners(SmallRig(11));
+  auto& row = world.sightings.sightings[3];
+  std::swap(row[5].detection, row[17].detection);
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  ASSERT_EQ(result->dropped.size(), 2u);
+  for (const DroppedPicture& dropped : result->dropped) {
+    EXPECT_EQ(dropped.shot, 3u);
+    ASSERT_TRUE(dropped.camera.has_value());
+    const size_t other = *dropped.camera == 5 ? 17 : 5;
+    EXPECT_NE(dropped.reason.find(world.truth.cameras[other].camera), std::string::npos)
+        << dropped.reason;
+  }
+}
+
+TEST(RigCalibration, CamerasSwappedThroughoutAreNamedAgainstTheEarlierCalibration) {
+  const ProjectedRig world = ProjectCorners(SmallRig(12));
+  const auto before = Calibrate(world);
+  ASSERT_TRUE(before.ok());
+  ProjectedRig swapped = world;
+  for (auto& row : swapped.sightings.sightings) std::swap(row[5].detection, row[17].detection);
+  const auto after = Calibrate(swapped);
+  ASSERT_TRUE(after.ok());
+  const auto comparison = CompareCalibrations(AsFile(world, *before), AsFile(swapped, *after), {});
+  ASSERT_TRUE(comparison.ok());
+  for (size_t c = 0; c < comparison->cameras.size(); ++c) {
+    const CameraChange& change = comparison->cameras[c];
+    EXPECT_EQ(change.moved, c == 5 || c == 17) << change.camera;
+    if (!change.moved) continue;
+    EXPECT_EQ(change.swapped_with, comparison->cameras[c == 5 ? 17 : 5].camera);
+  }
+}
+
+TEST(RigCalibration, SerialsThatChangedForbidToKeepTheLenses) {
+  ProjectedRig world = ProjectCorners(SmallRig(12));
+  const Calibration earlier = world.truth;
+  std::swap(world.sightings.cameras[0].serial, world.sightings.cameras[1].serial);
+  RigCalibrationOptions options;
+  options.intrinsics_from = &earlier;
+  const auto result = Calibrate(world, options);
+  ASSERT_FALSE(result.ok());
+  EXPECT_NE(result.error().ToString().find(world.sightings.cameras[0].camera), std::string::npos);
+  EXPECT_NE(result.error().ToString().find("swapped"), std::string::npos);
+}
+
+TEST(RigCalibration, ACameraThatSawNothingIsNamedAndOthersAreCalibrated) {
+  ProjectedRig world = ProjectCorners(SmallRig(13));
+  for (auto& row : world.sightings.sightings) {
+    row[7].detection->corners.clear();
+    row[7].detection->unusable = "blurred: edges are 9 px wide";
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok());
+  EXPECT_NE(result->camera_problem[7].find("blurred"), std::string::npos)
+      << result->camera_problem[7];
+  EXPECT_EQ(AsFile(world, *result).cameras.size(), 29u);
+}
+
+TEST(RigCalibration, MissingCoverageIsNamedWithWhatToDo) {
+  ProjectedRig world = ProjectCorners(SmallRig(14));
+  const double lower_px = 1000;
+  for (auto& row : world.sightings.sightings) {
+    std::erase_if(row[7].detection->corners,
+                  [&](const BoardCorner& corner) { return corner.pixel.y() > lower_px; });
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok());
+  const auto checks = CheckCameras(world.board, world.sightings, *result, {});
+  const auto& advice = checks[7].advice;
+  EXPECT_TRUE(std::any_of(advice.begin(), advice.end(), [](const std::string& text) {
+    return text.find("no corner in its lower third") != std::string::npos;
+  })) << testing::PrintToString(advice);
+}
+
+TEST(RigCalibration, NoBoardInAnyPictureIsRefused) {
+  ProjectedRig world = ProjectCorners(SmallRig(15));
+  for (auto& row : world.sightings.sightings) {
+    for (BoardSighting& sighting : row) sighting.detection->corners.clear();
+  }
+  const auto result = Calibrate(world);
+  ASSERT_FALSE(result.ok());
+  EXPECT_NE(result.error().message.find("shows the board"), std::string::npos);
+}
+
+TEST(RigCalibration, AHiddenFaceLeavesItsPlaceToTheDrawing) {
+  ProjectedRig world = ProjectCorners(SmallRig(16));
+  for (auto& row : world.sightings.sightings) {
+    for (BoardSighting& sighting : row) {
+      std::erase_if(sighting.detection->corners,
+                    [](const BoardCorner& corner) { return corner.face == 4; });
+    }
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  EXPECT_FALSE(result->uncertainty.faces[4].has_value());
+  EXPECT_EQ(AsFile(world, *result).board.size(), 4u);
+  EXPECT_EQ(AsFile(world, *result).cameras.size(), 30u);
+}
+
+}  // namespace
+}  // namespace rotunda::rig
