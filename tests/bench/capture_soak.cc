@@ -32,7 +32,7 @@ struct SoakOptions {
   double drop = 0;      // probability that a packet is lost
   int write_every = 0;  // a frame set of every so many shots; 0: none
   int shots = 8;        // different pictures a camera
-  std::string block = "127.40.1";
+  std::string block = "127.60.1";
 };
 
 double Memory_mb() {

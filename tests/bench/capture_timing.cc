@@ -34,7 +34,7 @@ struct TimingOptions {
   std::string out;  // where frame sets are written; empty: the system's temporary folder
   int pulses = 10;
   int rounds = 3;
-  std::string block = "127.41.1";
+  std::string block = "127.61.1";
 };
 
 /// Where the cameras are, as the command "list" tells: address, name, serial number, state.

@@ -164,7 +164,9 @@ TEST(CaptureSession, NamesCamerasThatAreNotWhereTheyShouldBe) {
 }
 
 TEST(CaptureSession, FindsCamerasBySerialAlone) {
-  SimulatedRig rig(RigOf("127.32.8", 3));
+  SimulatedRig::Options options = RigOf("127.32.8", 3);
+  options.like.serial = "FIND";  // other tests' cameras answer too
+  SimulatedRig rig(options);
   for (int i = 0; i < 3; ++i) {
     rig.capture().cameras[i].address.clear();
   }

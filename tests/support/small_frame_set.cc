@@ -12,7 +12,8 @@
 
 namespace rotunda::test {
 
-void WriteSmallFrameSet(const std::filesystem::path& folder, int cameras) {
+void WriteSmallFrameSet(const std::filesystem::path& folder, int cameras,
+                        const std::string& serial) {
   std::filesystem::create_directories(folder / "frames");
   FrameSet set;
   set.id = "small";
@@ -21,7 +22,7 @@ void WriteSmallFrameSet(const std::filesystem::path& folder, int cameras) {
   for (int i = 0; i < cameras; ++i) {
     Frame& frame = set.frames.emplace_back();
     frame.camera = "c00r" + std::to_string(i);
-    frame.serial = "SIM0010" + std::to_string(i);
+    frame.serial = serial + std::to_string(i);
     frame.file = "frames/" + frame.camera + ".png";
     frame.width_px = 120;
     frame.height_px = 160;

@@ -35,7 +35,7 @@ class CaptureCommand : public testing::Test {
 
   static void SetUpTestSuite() {
     folder_ = std::make_unique<TemporaryFolder>();
-    test::WriteSmallFrameSet(Served(), 4);
+    test::WriteSmallFrameSet(Served(), 4, "CAPT");
     const auto set = ReadFrameSet(Served());
     ASSERT_TRUE(set) << set.error().ToString();
     std::ofstream(*folder_ / "lenses.json") << "{}";

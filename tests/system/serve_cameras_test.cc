@@ -33,7 +33,7 @@ class ServeCameras : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = std::make_unique<TemporaryFolder>();
-    test::WriteSmallFrameSet(*folder_ / "set", 3);
+    test::WriteSmallFrameSet(*folder_ / "set", 3, "SERVE");
   }
   static void TearDownTestSuite() { folder_.reset(); }
   static ServedCameras::Options At(const std::string& block) {
