@@ -231,7 +231,7 @@ Picture RenderPicture(const World& world, const RayScene& scene, const Calibrate
 
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context) {
-  ROTUNDA_RETURN_IF_ERROR(Validate(rig, options));
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, options));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
   ROTUNDA_RETURN_IF_ERROR(WriteShot(rig, truth, options, folder.path(), context));
   return folder.Commit();
