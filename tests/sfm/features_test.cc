@@ -183,7 +183,7 @@ TEST_F(FeaturesTest, ColoursAreThePictures) {
 }
 
 TEST_F(FeaturesTest, SameOnAnyNumberOfThreads) {
-  for (uint64_t seed = 0; seed < 4; ++seed) Add(Texture(seed, 160, 120));
+  for (uint64_t seed = 0; seed < 4; ++seed) pictures_.Add(Texture(seed, 160, 120));
   const auto serial = Build({}, 1), parallel = Build({}, 4);
   ASSERT_TRUE(serial.ok() && parallel.ok());
   for (size_t i = 0; i < 4; ++i) {

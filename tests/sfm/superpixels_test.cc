@@ -173,7 +173,7 @@ TEST_F(SuperpixelsTest, TheSmallestPicturesAreOnePatchOrMore) {
 }
 
 TEST_F(SuperpixelsTest, TheSameOnAnyNumberOfThreads) {
-  for (uint64_t seed = 0; seed < 6; ++seed) Add(Stripes(300, 200, seed));
+  for (uint64_t seed = 0; seed < 6; ++seed) pictures_.Add(Stripes(300, 200, seed));
   const auto one = Build({}, 1), three = Build({}, 3);
   ASSERT_TRUE(one.ok() && three.ok());
   for (size_t i = 0; i < one->size(); ++i) {
