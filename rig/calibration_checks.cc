@@ -76,7 +76,10 @@ void Advise(const RigCalibration& result, size_t camera, const CalibrationCheckO
   if (uncertainty->projection_max_px > options.max_projection_px) {
     check.advice.push_back("a point may appear " +
                            Number(uncertainty->projection_max_px, "%.2f px") +
-                           " off somewhere in its picture: take more shots with corners there");
+                           " off somewhere in its picture: take more shots with corners there" +
+                           (result.model.intrinsics[camera].model == CameraModel::kFullOpencv
+                                ? ", or find fewer lens parameters (--model opencv)"
+                                : ""));
   }
 }
 

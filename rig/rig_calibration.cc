@@ -80,17 +80,18 @@ std::vector<Eigen::MatrixXd> HeldIntrinsics(const BoardSightings& sightings,
 }
 
 /// Parameters of the larger model, those it adds being 0.
-void ExtendModel(CameraModel model, RigModel& rig) {
+void ExtendModel(LensModel model, RigModel& rig) {
+  if (model == LensModel::kOpencv) return;
   for (CameraIntrinsics& intrinsics : rig.intrinsics) {
-    if (intrinsics.model != CameraModel::kOpencv || model != CameraModel::kFullOpencv) continue;
-    intrinsics.model = model;
-    intrinsics.params.resize(CameraParamCount(model), 0.0);
+    if (intrinsics.model != CameraModel::kOpencv) continue;
+    intrinsics.model = CameraModel::kFullOpencv;
+    intrinsics.params.resize(CameraParamCount(intrinsics.model), 0.0);
   }
 }
 
 /// Robust rounds from the start: poses first, then everything, the loss following the noise down.
 Status AdjustRobustly(const RigProblem& problem, const std::vector<FaceView>& views,
-                      const FreeUnknowns& free, CameraModel lens, RigModel& model,
+                      const FreeUnknowns& free, LensModel lens, RigModel& model,
                       RunContext& context) {
   constexpr int kMostRounds = 10;
   constexpr double kSettled = 0.02;  // change of the noise from round to round
@@ -357,6 +358,25 @@ Calibration AsCalibration(const RigCalibration& result, const BoardSightings& si
   return calibration;
 }
 
+/// With the noise of the kept corners. The error names the cameras that are not determined.
+Result<RigUncertainty> UncertaintyOf(const RigProblem& problem, const BoardSightings& sightings,
+                                     const RigCalibration& result, RunContext& context) {
+  const std::vector<FaceView> views = WithNoise(result.kept, result.noise);
+  Result<RigUncertainty> uncertainty =
+      BuildUncertainty(problem, views, result.model, result.free, result.held_intrinsics, context);
+  if (uncertainty || uncertainty.error().code != ErrorCode::kFailed) return uncertainty;
+  std::string names;
+  for (const size_t c : UndeterminedCameras(problem, views, result.model, result.free, context)) {
+    names += (names.empty() ? "" : ", ") + sightings.cameras[c].camera;
+  }
+  if (names.empty()) return uncertainty;
+  return Error{ErrorCode::kFailed,
+               "the corners seen do not determine all lens parameters: show the target up to the "
+               "edges of these pictures and at other angles, or find fewer parameters (--model "
+               "opencv)",
+               names};
+}
+
 /// The result in another frame.
 void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration) {
   const Rigid3 rig_from_new = new_from_rig.Inverse();
@@ -411,6 +431,7 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   ROTUNDA_RETURN_IF_ERROR(CheckSightings(sightings, result.found));
   ROTUNDA_ASSIGN_OR_RETURN(const auto known, KnownIntrinsics(sightings, options.intrinsics_from));
   result.free.intrinsics = options.intrinsics_from == nullptr;
+  result.free.rational = options.model == LensModel::kFullOpencv;
   result.held_intrinsics = HeldIntrinsics(sightings, options.intrinsics_from);
   result.priors = PriorsOf(board, options.intrinsics_from);
   const BoardShape shape = ShapeOf(board);
@@ -442,10 +463,7 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   const std::vector<FaceView> fitting = Without(result.found, result.dropped);
   ROTUNDA_RETURN_IF_ERROR(AdjustFinally(problem, fitting, options, result, context));
   result.noise = std::sqrt(NoiseVariance(problem, result.kept, result.model, result.free));
-  ROTUNDA_ASSIGN_OR_RETURN(
-      result.uncertainty,
-      BuildUncertainty(problem, WithNoise(result.kept, result.noise), result.model, result.free,
-                       result.held_intrinsics, context));
+  ROTUNDA_ASSIGN_OR_RETURN(result.uncertainty, UncertaintyOf(problem, sightings, result, context));
   ExplainMissing(sightings, result);
   ROTUNDA_RETURN_IF_ERROR(ChooseFrame(sightings, options, result));
   context.Report("adjustment", 1, 1);

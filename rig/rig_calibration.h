@@ -10,8 +10,15 @@
 
 namespace rotunda::rig {
 
+/// The lens parameters that are found; the models but the first are stored as FULL_OPENCV.
+enum class LensModel {
+  kOpencv,      // fx fy cx cy k1 k2 p1 p2
+  kOpencv5,     // and k3
+  kFullOpencv,  // and k4 k5 k6
+};
+
 struct RigCalibrationOptions {
-  CameraModel model = CameraModel::kOpencv;  // or kFullOpencv
+  LensModel model = LensModel::kOpencv;
   /// Holds the intrinsics of these cameras, and takes the target's geometry found then as prior.
   const Calibration* intrinsics_from = nullptr;
   /// Rig frame: that of this calibration, by a rigid fit that cameras which moved do not drag;

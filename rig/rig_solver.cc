@@ -12,6 +12,7 @@ using Mask = Eigen::Array<bool, Eigen::Dynamic, 1>;
 constexpr Eigen::Index kMaxCameraSize = kPoseSize + static_cast<Eigen::Index>(kMaxCameraParams);
 constexpr Eigen::Index kMaxViewSize = kPoseSize + kFaceSize + kMaxCameraSize;
 constexpr double kMinDepth_m = 1e-3;
+constexpr size_t kFirstRational = 9;  // of FULL_OPENCV's parameters: k4
 /// Standard deviations that no lens exceeds by much: the pictures of a camera with good coverage
 /// outweigh them a million times.
 constexpr double kFocalPrior = 1.0;            // of the focal length, as a share of the larger side
@@ -239,9 +240,7 @@ void SetMasks(const RigProblem& problem, const std::vector<FaceView>& views, con
     Mask& camera = normal.camera_free[view.camera];
     camera.head<kPoseSize>() = free.cameras;
     for (size_t p = 0; p < intrinsics.params.size(); ++p) {
-      const bool among = !free.focal_only || IsFocal(intrinsics.model, p) ||
-                         (p == 4 && intrinsics.model != CameraModel::kRadial);
-      camera(kPoseSize + static_cast<Eigen::Index>(p)) = free.intrinsics && among;
+      camera(kPoseSize + static_cast<Eigen::Index>(p)) = IsFreeParam(free, intrinsics.model, p);
     }
     if (free.shots && !(free.cameras && view.shot == first)) {
       normal.shared_free.segment<kPoseSize>(ShotPlace(view.shot)) = true;
@@ -361,6 +360,11 @@ bool FocalsPositive(const RigModel& model) {
 }
 
 }  // namespace
+
+bool IsFreeParam(const FreeUnknowns& free, CameraModel model, size_t param) {
+  if (!free.intrinsics || (!free.rational && param >= kFirstRational)) return false;
+  return !free.focal_only || IsFocal(model, param) || (param == 4 && model != CameraModel::kRadial);
+}
 
 NormalEquations BuildNormal(const RigProblem& problem, const std::vector<FaceView>& views,
                             const RigModel& model, const RigSolveOptions& options,

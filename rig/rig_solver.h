@@ -22,9 +22,13 @@ struct FreeUnknowns {
   bool cameras = true;      // their poses
   bool intrinsics = true;   // all parameters, or
   bool focal_only = false;  // with `intrinsics`: focal length and first radial coefficient alone
+  bool rational = true;     // with `intrinsics`: also k4 to k6 of FULL_OPENCV
   bool shots = true;        // with `cameras` all but the first, which is the rig frame meanwhile
   bool faces = true;        // poses and bows
 };
+
+/// Whether a parameter of the intrinsics moves.
+bool IsFreeParam(const FreeUnknowns& free, CameraModel model, size_t param);
 
 struct RigSolveOptions {
   FreeUnknowns free;

@@ -12,6 +12,10 @@
 namespace rotunda::rig {
 namespace {
 
+/// A camera whose (equilibrated) equations are worse conditioned than this is what makes those of
+/// all cameras together unsolvable in double precision.
+constexpr double kLeastCondition = 1e-11;
+
 /// Inverse of a positive definite matrix, equilibrated: unknowns differ by orders of magnitude.
 std::optional<Eigen::MatrixXd> Inverse(const Eigen::MatrixXd& matrix) {
   const Eigen::VectorXd scale = matrix.diagonal().cwiseSqrt().cwiseInverse();
@@ -244,6 +248,22 @@ Eigen::MatrixXd FacesInFit(const RigProblem& problem, const RigModel& model,
 
 }  // namespace
 
+std::vector<size_t> UndeterminedCameras(const RigProblem& problem,
+                                        const std::vector<FaceView>& views, const RigModel& model,
+                                        const FreeUnknowns& free, RunContext& context) {
+  RigSolveOptions options;
+  options.free = free;
+  const NormalEquations normal = BuildNormal(problem, views, model, options, context);
+  std::vector<size_t> cameras;
+  for (size_t c = 0; c < normal.camera.size(); ++c) {
+    const Eigen::MatrixXd& matrix = normal.camera[c];
+    const Eigen::VectorXd scale = matrix.diagonal().cwiseSqrt().cwiseInverse();
+    const Eigen::LLT<Eigen::MatrixXd> factor(scale.asDiagonal() * matrix * scale.asDiagonal());
+    if (factor.info() != Eigen::Success || factor.rcond() < kLeastCondition) cameras.push_back(c);
+  }
+  return cameras;
+}
+
 Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
                                         const std::vector<FaceView>& views, const RigModel& model,
                                         const FreeUnknowns& free,
@@ -311,7 +331,10 @@ double NoiseVariance(const RigProblem& problem, const std::vector<FaceView>& vie
   for (size_t c = 0; c < cameras.size(); ++c) {
     if (!cameras[c]) continue;
     if (free.cameras) unknowns += kPoseSize;
-    if (free.intrinsics) unknowns += static_cast<double>(model.intrinsics[c].params.size());
+    const CameraIntrinsics& intrinsics = model.intrinsics[c];
+    for (size_t p = 0; p < intrinsics.params.size(); ++p) {
+      unknowns += IsFreeParam(free, intrinsics.model, p);
+    }
   }
   if (free.shots) unknowns += kPoseSize * std::count(shots.begin(), shots.end(), true);
   if (free.faces) unknowns += kFaceSize * std::count(faces.begin(), faces.end(), true);

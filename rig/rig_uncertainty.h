@@ -44,6 +44,11 @@ Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
                                         const std::vector<Eigen::MatrixXd>& held_intrinsics,
                                         RunContext& context);
 
+/// Cameras whose unknowns their own corners leave open, all else being known.
+std::vector<size_t> UndeterminedCameras(const RigProblem& problem,
+                                        const std::vector<FaceView>& views, const RigModel& model,
+                                        const FreeUnknowns& free, RunContext& context);
+
 /// The views with every sigma_px times `scale`.
 std::vector<FaceView> WithNoise(std::vector<FaceView> views, double scale);
 

@@ -31,7 +31,7 @@ struct CalibrateArguments {
   std::optional<fs::path> frame_from;
   std::optional<fs::path> compare;
   std::optional<fs::path> report;
-  CameraModel model = CameraModel::kOpencv;
+  rig::LensModel model = rig::LensModel::kOpencv;
 };
 
 /// When the newest shot was taken, or now when the pictures do not say.
@@ -314,10 +314,13 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->type_name("FILE");
   command->add_option("--report", arguments->report, "Page to write, for a browser")
       ->type_name("FILE.html");
-  AddChoice<CameraModel>(
+  AddChoice<rig::LensModel>(
       command, "--model", arguments->model,
-      "Lens: opencv (default, 8 parameters), or full-opencv (12, for strong distortion)",
-      {{"opencv", CameraModel::kOpencv}, {"full-opencv", CameraModel::kFullOpencv}});
+      "Lens: opencv (default, 8 parameters), opencv5 (9: k3 as well), or full-opencv (12, for "
+      "strong distortion; needs corners up to the edges of every picture)",
+      {{"opencv", rig::LensModel::kOpencv},
+       {"opencv5", rig::LensModel::kOpencv5},
+       {"full-opencv", rig::LensModel::kFullOpencv}});
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
       const Status status = Calibrate(*arguments, common);

@@ -66,8 +66,8 @@ class CameraRenderer {
       : world_(world), scene_(scene), rays_(camera), backdrop_(backdrop) {
     image_.width = camera.intrinsics.width_px;
     image_.height = camera.intrinsics.height_px;
-    image_.pixels.resize(static_cast<size_t>(image_.width) * image_.height);
-    hits_.resize(image_.pixels.size());
+    hits_.resize(static_cast<size_t>(image_.width) * image_.height);
+    image_.samples.resize(hits_.size() * kParts);
   }
 
   LightImage Render() {
@@ -76,16 +76,21 @@ class CameraRenderer {
     }
     for (int y = 0; y < image_.height; ++y) {
       for (int x = 0; x < image_.width; ++x) {
-        image_.at(x, y) = IsEdge(x, y) ? EdgePixel(x, y) : SmoothPixel(x, y);
+        const PixelLight light = IsEdge(x, y) ? EdgePixel(x, y) : SmoothPixel(x, y);
+        for (int i = 0; i < kParts; ++i) {
+          image_.at(kLightSamples * x + i % kLightSamples, kLightSamples * y + i / kLightSamples) =
+              light[i];
+        }
       }
     }
     return std::move(image_);
   }
 
  private:
-  // A pixel inside one surface takes kGrid^2 samples of the paint, one at an edge kEdgeGrid^2 rays.
-  static constexpr int kGrid = 2;
-  static constexpr int kEdgeGrid = 4;
+  static constexpr int kParts = kLightSamples * kLightSamples;
+  using PixelLight = std::array<Vector3f, kParts>;  // the pixel's samples, row by row
+  static constexpr int kEdgeRays = 2;               // along each side of a sample, at an edge
+  static constexpr int kEdgeGrid = kEdgeRays * kLightSamples;  // along a pixel's
 
   const RayHit& HitAt(int x, int y) const {
     return hits_[static_cast<size_t>(y) * image_.width + x];
@@ -163,25 +168,30 @@ class CameraRenderer {
   }
 
   /// One triangle fills the pixel: its plane is sampled, no more rays are needed.
-  Vector3f SmoothPixel(int x, int y) const {
+  PixelLight SmoothPixel(int x, int y) const {
+    PixelLight light;
     const RayHit& hit = HitAt(x, y);
-    if (hit.object == UINT32_MAX) return backdrop_;
+    if (hit.object == UINT32_MAX) {
+      light.fill(backdrop_);
+      return light;
+    }
     const Vector3f direction =
         rays_.Direction(static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f);
     const Shading s = ShadingOf(hit, direction);
     if (!s.object->paint->Detailed()) {
       SurfacePoint whole = s.point;
       whole.footprint_m = s.footprint_m;
-      return s.light * s.object->paint->Albedo(whole) + Highlight(s, direction);
+      light.fill(s.light * s.object->paint->Albedo(whole) + Highlight(s, direction));
+      return light;
     }
     const Vector3f plane =
         (*s.corners[1] - *s.corners[0]).cross(*s.corners[2] - *s.corners[0]).normalized();
     const float height = plane.dot(s.point.position - rays_.origin());
-    Vector3f albedo = Vector3f::Zero();
+    const Vector3f highlight = Highlight(s, direction);
     SurfacePoint sample = s.point;
-    sample.footprint_m = s.footprint_m / kGrid;
-    for (int i = 0; i < kGrid * kGrid; ++i) {
-      const Vector2f at = GridPoint(i, kGrid);
+    sample.footprint_m = s.footprint_m / kLightSamples;
+    for (int i = 0; i < kParts; ++i) {
+      const Vector2f at = GridPoint(i, kLightSamples);
       const Vector3f ray =
           rays_.Direction(static_cast<float>(x) + at.x(), static_cast<float>(y) + at.y());
       const float facing = plane.dot(ray);
@@ -189,9 +199,9 @@ class CameraRenderer {
       const float distance = std::abs(facing) > 0.05f ? height / facing : hit.distance;
       sample.position = rays_.origin() + distance * ray;
       if (!s.object->mesh.uvs.empty()) sample.uv = UvAt(s, sample.position);
-      albedo += s.object->paint->Albedo(sample);
+      light[i] = s.light * s.object->paint->Albedo(sample) + highlight;
     }
-    return albedo * (s.light / (kGrid * kGrid)) + Highlight(s, direction);
+    return light;
   }
 
   /// Texture coordinates of a point in the plane of the triangle.
@@ -211,7 +221,7 @@ class CameraRenderer {
             (static_cast<float>(i / grid) + 0.5f) * step};
   }
 
-  Vector3f EdgePixel(int x, int y) const {
+  PixelLight EdgePixel(int x, int y) const {
     constexpr int kSamples = kEdgeGrid * kEdgeGrid;
     std::array<Vector3f, kSamples> directions;
     std::array<RayHit, kSamples> hits;
@@ -224,17 +234,20 @@ class CameraRenderer {
       scene_.Trace(rays_.origin(), kNear_m, std::span(directions).subspan(first, kRayPacket),
                    std::span(hits).subspan(first, kRayPacket));
     }
-    Vector3f sum = Vector3f::Zero();
+    constexpr float kShare = 1.0f / (kEdgeRays * kEdgeRays);
+    PixelLight light;
+    light.fill(Vector3f::Zero());
     for (int i = 0; i < kSamples; ++i) {
+      Vector3f& part = light[i / kEdgeGrid / kEdgeRays * kLightSamples + i % kEdgeGrid / kEdgeRays];
       if (hits[i].object == UINT32_MAX) {
-        sum += backdrop_;
+        part += kShare * backdrop_;
         continue;
       }
       Shading s = ShadingOf(hits[i], directions[i]);
       s.point.footprint_m = s.footprint_m / kEdgeGrid;
-      sum += s.light * s.object->paint->Albedo(s.point) + Highlight(s, directions[i]);
+      part += kShare * (s.light * s.object->paint->Albedo(s.point) + Highlight(s, directions[i]));
     }
-    return sum / kSamples;
+    return light;
   }
 
   const World& world_;

@@ -45,29 +45,47 @@ std::vector<uint8_t> CurveTable() {
   return table;
 }
 
-/// Separable, three taps of the variance asked for.
-void Blur(float sigma_px, LightImage* image) {
-  const float side = 0.5f * sigma_px * sigma_px;
-  if (side <= 0) return;
-  const float middle = 1.0f - 2.0f * side;
-  std::vector<Vector3f> row(image->width);
-  for (int y = 0; y < image->height; ++y) {
-    Vector3f* pixels = &image->at(0, y);
-    row.assign(pixels, pixels + image->width);
-    for (int x = 1; x + 1 < image->width; ++x) {
-      pixels[x] = middle * row[x] + side * (row[x - 1] + row[x + 1]);
-    }
+/// What a pixel takes of the samples of the light in its row or column: entry i of those from
+/// `first` on, seen from the pixel's own first sample.
+struct PixelWeights {
+  int first;
+  std::vector<float> weights;
+};
+
+/// A sample at distance u from the pixel's middle is a spot of standard deviation s about it, and
+/// Phi((1/2 - u) / s) - Phi((-1/2 - u) / s) of its light falls on the pixel.
+PixelWeights WeightsOf(double blur_px) {
+  constexpr double kReach = 3;  // standard deviations
+  const int beyond = static_cast<int>(std::ceil(kReach * blur_px * kLightSamples));
+  const double scale = 1 / (std::sqrt(2.0) * std::max(blur_px, 1e-6));
+  PixelWeights pixel{-beyond, {}};
+  double sum = 0;
+  for (int i = -beyond; i < kLightSamples + beyond; ++i) {
+    const double u = (i + 0.5) / kLightSamples - 0.5;
+    sum += pixel.weights.emplace_back(
+        static_cast<float>(std::erf(scale * (0.5 - u)) + std::erf(scale * (0.5 + u))));
   }
-  std::vector<Vector3f> above(image->width), here(image->width);
-  above.assign(&image->at(0, 0), &image->at(0, 0) + image->width);
-  for (int y = 1; y + 1 < image->height; ++y) {
-    Vector3f* pixels = &image->at(0, y);
-    const Vector3f* below = &image->at(0, y + 1);
-    here.assign(pixels, pixels + image->width);
-    for (int x = 0; x < image->width; ++x) {
-      pixels[x] = middle * here[x] + side * (above[x] + below[x]);
+  for (float& weight : pixel.weights) weight /= static_cast<float>(sum);
+  return pixel;
+}
+
+/// The light on each pixel of row y; what lies beyond the picture is like its border.
+void GatherRow(const LightImage& light, const PixelWeights& pixel, int y,
+               std::vector<Vector3f>* row) {
+  const int columns = kLightSamples * light.width, rows = kLightSamples * light.height;
+  const int taps = static_cast<int>(pixel.weights.size());
+  std::vector<Vector3f> samples(columns, Vector3f::Zero());
+  for (int i = 0; i < taps; ++i) {
+    const int from = std::clamp(kLightSamples * y + pixel.first + i, 0, rows - 1);
+    const Vector3f* line = &light.at(0, from);
+    for (int x = 0; x < columns; ++x) samples[x] += pixel.weights[i] * line[x];
+  }
+  row->assign(light.width, Vector3f::Zero());
+  for (int x = 0; x < light.width; ++x) {
+    for (int i = 0; i < taps; ++i) {
+      const int from = std::clamp(kLightSamples * x + pixel.first + i, 0, columns - 1);
+      (*row)[x] += pixel.weights[i] * samples[from];
     }
-    std::swap(above, here);
   }
 }
 
@@ -85,8 +103,8 @@ Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed, 
   }
   const uint64_t camera_seed = random.Bits();
   const uint64_t noise_seed = shot == 0 ? camera_seed : DeriveSeed(camera_seed, shot);
-  LightImage blurred = light;
-  Blur(static_cast<float>(sensor.blur_px), &blurred);
+  const PixelWeights pixel = WeightsOf(sensor.blur_px);
+  std::vector<Vector3f> row;
 
   Picture picture(light.width, light.height);
   const float full_well = static_cast<float>(sensor.full_well_e);
@@ -95,12 +113,13 @@ Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed, 
   const float cy = 0.5f * static_cast<float>(light.height);
   const float fall = static_cast<float>(sensor.vignetting) / (cx * cx + cy * cy);
   for (int y = 0; y < light.height; ++y) {
+    GatherRow(light, pixel, y, &row);
     for (int x = 0; x < light.width; ++x) {
       const float dx = static_cast<float>(x) + 0.5f - cx, dy = static_cast<float>(y) + 0.5f - cy;
       const float shade = 1.0f - fall * (dx * dx + dy * dy);
       const uint64_t index = static_cast<uint64_t>(y) * light.width + x;
       uint64_t bits = Hash64(noise_seed + index * 0x9E3779B97F4A7C15ull);
-      const Vector3f signal = shade * blurred.at(x, y).cwiseProduct(factors);
+      const Vector3f signal = shade * row[x].cwiseProduct(factors);
       uint8_t* out = picture.at(x, y);
       for (int c = 0; c < 3; ++c) {
         const float normal = kNormals[bits & ((1u << kNormalBits) - 1)];

@@ -8,9 +8,9 @@
 
 namespace rotunda::sim {
 
-/// What the sensor makes of the lens's picture: blur, vignetting, this camera's gain and white
-/// balance, shot and read noise, the sRGB curve, 8 bits. `seed` is the camera's; `shot` tells the
-/// noise of its pictures apart.
+/// What lens and sensor make of the light: a spot of blur_px gathered over each pixel's whole
+/// square, vignetting, this camera's gain and white balance, shot and read noise, the sRGB curve, 8
+/// bits. `seed` is the camera's; `shot` tells the noise of its pictures apart.
 Picture Expose(const LightImage& light, const RigSensor& sensor, uint64_t seed, uint64_t shot);
 
 }  // namespace rotunda::sim

@@ -62,6 +62,7 @@ CalibrationRun Calibrate(const rig::Board& board, const rig::BoardSightings& sig
   RunContext context{threads};
   context.progress = [&](std::string_view stage, size_t, size_t) { times.Begin(stage); };
   rig::RigCalibrationOptions calibrate;
+  calibrate.model = options.model;
   calibrate.intrinsics_from = calibrate.frame_from = options.intrinsics_from;
   CalibrationRun run;
   run.result = OrDie(rig::CalibrateRig(board, sightings, calibrate, context));

@@ -18,6 +18,7 @@ struct CalibrationRun {
 
 struct CalibrationRunOptions {
   const Calibration* intrinsics_from = nullptr;
+  rig::LensModel model = rig::LensModel::kOpencv;
   bool validate = true;
 };
 

@@ -306,6 +306,32 @@ TEST(RigCalibration, MissingCoverageIsNamedWithWhatToDo) {
   })) << testing::PrintToString(advice);
 }
 
+TEST(RigCalibration, AThirdRadialParameterIsFoundWithItsUncertainty) {
+  RigCalibrationOptions options;
+  options.model = LensModel::kOpencv5;
+  constexpr size_t kK3 = 8;
+  double squares = 0, count = 0;
+  for (uint64_t seed = 17; seed <= 20; ++seed) {
+    const ProjectedRig world = ProjectCorners(SmallRig(seed));  // its true lenses have no k3
+    const auto result = Calibrate(world, options);
+    ASSERT_TRUE(result.ok()) << result.error().ToString();
+    for (const CalibratedCamera& camera : AsFile(world, *result).cameras) {
+      ASSERT_EQ(camera.intrinsics.model, CameraModel::kFullOpencv);
+      const std::vector<double>& params = camera.intrinsics.params;
+      EXPECT_NE(params[kK3], 0.0);
+      for (size_t p = kK3 + 1; p < params.size(); ++p) EXPECT_EQ(params[p], 0.0);
+      const Eigen::MatrixXd& covariance = *camera.covariance;
+      EXPECT_EQ(covariance.bottomRows<3>().norm(), 0.0);
+      squares += params[kK3] * params[kK3] / covariance(kPoseSize + kK3, kPoseSize + kK3);
+      count += 1;
+    }
+  }
+  // Of 120 squared normal deviates: 1 +- 0.13.
+  std::printf("(k3 / sigma)^2: mean %.2f of %.0f cameras\n", squares / count, count);
+  EXPECT_GT(squares / count, 0.6);
+  EXPECT_LT(squares / count, 1.5);
+}
+
 TEST(RigCalibration, NoBoardInAnyPictureIsRefused) {
   ProjectedRig world = ProjectCorners(SmallRig(15));
   for (auto& row : world.sightings.sightings) {
