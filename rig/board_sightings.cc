@@ -10,6 +10,7 @@
 #include <string_view>
 #include <utility>
 
+#include "rig/mosaic_detection.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
 
@@ -27,17 +28,22 @@ constexpr std::array<std::pair<std::string_view, int>, 4> kBayerCodes = {{
     {"BayerGB", cv::COLOR_BayerGBRG2GRAY},
 }};
 
-Result<cv::Mat> ReadGrey(const ShotPicture& picture) {
+struct GreyPicture {
+  cv::Mat grey;    // demosaiced
+  cv::Mat mosaic;  // as the sensor gave it; empty unless it is a Bayer picture
+};
+
+Result<GreyPicture> ReadGrey(const ShotPicture& picture) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(picture.file));
   const auto damaged = [&](const std::string& why) {
     return Error{ErrorCode::kBadInput, why, picture.file.string()};
   };
   if (bytes.empty()) return damaged("the file is empty, expected a picture");
-  cv::Mat grey;
+  GreyPicture read;
   try {
     const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data()));
-    grey = cv::imdecode(raw, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
-    if (grey.empty()) return damaged("is not a picture that can be decoded");
+    read.grey = cv::imdecode(raw, cv::IMREAD_GRAYSCALE | cv::IMREAD_IGNORE_ORIENTATION);
+    if (read.grey.empty()) return damaged("is not a picture that can be decoded");
     if (picture.pixel_format.starts_with("Bayer")) {
       const auto code = std::find_if(kBayerCodes.begin(), kBayerCodes.end(), [&](const auto& row) {
         return std::string_view(picture.pixel_format).starts_with(row.first);
@@ -46,13 +52,13 @@ Result<cv::Mat> ReadGrey(const ShotPicture& picture) {
         return damaged("pixel format '" + picture.pixel_format +
                        "' is not known; known are BayerRG, BayerGR, BayerBG, BayerGB");
       }
-      cv::Mat mosaic = grey;
-      cv::cvtColor(mosaic, grey, code->second);
+      read.mosaic = read.grey.clone();
+      cv::cvtColor(read.mosaic, read.grey, code->second);
     }
   } catch (const cv::Exception& exception) {
     return damaged("cannot be decoded: " + exception.err);
   }
-  return grey;
+  return read;
 }
 
 /// "2" before "10": runs of digits compare as numbers.
@@ -221,13 +227,15 @@ BoardSighting Sight(const ShotPicture& picture, const Board& board,
   sighting.missing = picture.missing;
   if (picture.file.empty()) return sighting;
   sighting.picture = picture.file;
-  const Result<cv::Mat> grey = ReadGrey(picture);
-  if (!grey) {
-    sighting.missing = "cannot be read: " + grey.error().message;
+  const Result<GreyPicture> read = ReadGrey(picture);
+  if (!read) {
+    sighting.missing = "cannot be read: " + read.error().message;
     return sighting;
   }
-  *size = grey->size();
-  Result<BoardDetection> detection = DetectBoard(*grey, board, options);
+  *size = read->grey.size();
+  Result<BoardDetection> detection =
+      read->mosaic.empty() ? DetectBoard(read->grey, board, options)
+                           : DetectBoardInMosaic(read->mosaic, read->grey, board, options);
   if (!detection) {
     *status = detection.error().In(picture.file.string());
     return sighting;

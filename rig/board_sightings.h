@@ -44,7 +44,7 @@ struct BoardSightings {
 /// Where the pictures are, before they are read. `pictures[shot][camera]` as in BoardSightings.
 struct ShotPicture {
   std::filesystem::path file;  // empty: `missing` says why
-  std::string pixel_format;    // "Bayer..." is demosaiced
+  std::string pixel_format;    // "Bayer...": see DetectBoardInMosaic
   std::string missing;
 };
 struct ShotPictures {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -14,6 +15,7 @@
 
 #include "config/board_config.h"
 #include "rig/board_sightings.h"
+#include "rig/mosaic_detection.h"
 #include "rig/sim/board_object.h"
 #include "rig/sim/simulate.h"
 
@@ -206,10 +208,14 @@ class RenderedCuboid : public testing::Test {
     scene_ = std::make_unique<sim::RayScene>(sim::RayScene::Build(world_, false).value());
   }
 
+  cv::Mat Rgb(const CalibratedCamera& camera) {
+    sim::Picture picture = sim::RenderPicture(world_, *scene_, camera, rig_.sensor, options_);
+    return cv::Mat(picture.height, picture.width, CV_8UC3, picture.rgb.data()).clone();
+  }
+
   BoardDetection DetectIn(const CalibratedCamera& camera) {
-    sim::Picture rgb = sim::RenderPicture(world_, *scene_, camera, rig_.sensor, options_);
     cv::Mat grey;
-    cv::cvtColor(cv::Mat(rgb.height, rgb.width, CV_8UC3, rgb.rgb.data()), grey, cv::COLOR_RGB2GRAY);
+    cv::cvtColor(Rgb(camera), grey, cv::COLOR_RGB2GRAY);
     return Detect(grey, options_.board);
   }
 
@@ -324,6 +330,50 @@ TEST_F(RenderedCuboid, PixelsDoNotDrawCornersTowardsThem) {
     EXPECT_LT(rms.maxCoeff(), 0.016) << turn_deg;
     EXPECT_LT(std::sqrt(ratio / n), 1.2) << turn_deg;
   }
+}
+
+/// The picture as a sensor of order RGGB gives it when it is more sensitive to green.
+cv::Mat MosaicOf(const cv::Mat& rgb) {
+  constexpr std::array<double, 3> kSensitivity = {0.6, 1.0, 0.5};
+  cv::Mat mosaic(rgb.size(), CV_8UC1);
+  for (int y = 0; y < rgb.rows; ++y) {
+    for (int x = 0; x < rgb.cols; ++x) {
+      const int channel = (x & 1) + (y & 1);
+      mosaic.at<uint8_t>(y, x) = cv::saturate_cast<uint8_t>(
+          kSensitivity[static_cast<size_t>(channel)] * rgb.at<cv::Vec3b>(y, x)[channel]);
+    }
+  }
+  return mosaic;
+}
+
+TEST_F(RenderedCuboid, CornersInAMosaicAreFoundAsWellAsInGrey) {
+  Build(4);
+  double squares = 0, ratio = 0, demosaiced_squares = 0, n = 0, demosaiced_n = 0;
+  for (const CalibratedCamera& camera : sim::DrawRig(rig_, 6, 3, 1.0).cameras) {
+    const cv::Mat mosaic = MosaicOf(Rgb(camera));
+    cv::Mat demosaiced;
+    cv::cvtColor(mosaic, demosaiced, cv::COLOR_BayerRGGB2GRAY);
+    const auto found = DetectBoardInMosaic(mosaic, demosaiced, options_.board, {});
+    ASSERT_TRUE(found) << found.error().ToString();
+    for (const BoardCorner& corner : found->corners) {
+      const auto truth = Truth(camera, corner.face, corner.corner).pixel.value();
+      squares += (corner.pixel - truth).squaredNorm();
+      ratio += (corner.pixel - truth).squaredNorm() / (2 * corner.sigma_px * corner.sigma_px);
+      n += 1;
+    }
+    for (const BoardCorner& corner : Detect(demosaiced, options_.board).corners) {
+      const auto truth = Truth(camera, corner.face, corner.corner).pixel.value();
+      demosaiced_squares += (corner.pixel - truth).squaredNorm();
+      demosaiced_n += 1;
+    }
+  }
+  ASSERT_GT(n, 250);
+  std::printf("%.0f corners, RMS of an axis %.4f px (%.0f, %.4f px demosaiced), error/sigma %.2f\n",
+              n, std::sqrt(squares / n / 2), demosaiced_n,
+              std::sqrt(demosaiced_squares / demosaiced_n / 2), std::sqrt(ratio / n));
+  EXPECT_LT(std::sqrt(squares / n / 2), 0.015);
+  EXPECT_LT(std::sqrt(ratio / n), 1.3);
+  EXPECT_GE(n, 0.98 * demosaiced_n);
 }
 
 struct RealSet {
