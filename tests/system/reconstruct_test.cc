@@ -232,15 +232,19 @@ TEST_F(SimulatedCapture, StartsFromAColmapDatabase) {
   Reconstruct("from-database", {"--database", database});
   const nlohmann::json errors =
       Evaluate(*folder_ / "from-database" / "poses.json", *folder_ / "set" / "truth.json");
-  EXPECT_EQ(errors["registered"], 30);
-  // colmap's verification draws anew in every run, so that there are other matches each time: the
-  // poses must be as good as their sigmas say.
+  // colmap's verification draws anew in every run, so that there are other matches each time, and
+  // cameras 48 deg apart have about as few of them as a pose needs: one or two may be left out,
+  // with a reason. The poses must be as good as their sigmas say.
+  EXPECT_GE(errors["registered"], 28);
+  const nlohmann::json poses =
+      nlohmann::json::parse(Bytes(*folder_ / "from-database" / "poses.json"));
+  for (const nlohmann::json& camera : poses["cameras"]) {
+    EXPECT_TRUE(camera["registered"] || !camera["reason"].get<std::string>().empty()) << camera;
+  }
   EXPECT_LT(errors["rotation_error_over_sigma"], kMaxErrorOverSigma);
   EXPECT_LT(errors["position_error_over_sigma"], kMaxErrorOverSigma);
   EXPECT_LT(errors["mean_rotation_deg"], 2 * kMaxMeanRotation_deg);
-  EXPECT_EQ(
-      nlohmann::json::parse(Bytes(*folder_ / "from-database" / "poses.json"))["options"]["pairs"],
-      "database");
+  EXPECT_EQ(poses["options"]["pairs"], "database");
 }
 
 class RealPhotographs : public testing::TestWithParam<std::string> {
