@@ -112,7 +112,7 @@ Status TomlFile::ReadField(const toml::node& node, const std::string& name,
   if (int* const* whole = std::get_if<int*>(&field.target)) {
     const auto value = node.value_exact<int64_t>();
     if (!value) return expected("an integer");
-    if (std::abs(*value) > std::numeric_limits<int>::max()) {
+    if (*value > std::numeric_limits<int>::max() || *value < std::numeric_limits<int>::min()) {
       return At(node, name, "is " + std::to_string(*value) + ", which is too large");
     }
     **whole = static_cast<int>(*value);

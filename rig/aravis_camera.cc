@@ -132,6 +132,11 @@ std::string NameOf(ArvPixelFormat format) {
   return "pixel format " + std::to_string(format);
 }
 
+bool IsKnown(const std::string& pixel_format) {
+  return std::any_of(std::begin(kPixelFormats), std::end(kPixelFormats),
+                     [&](const PixelFormatName& known) { return known.name == pixel_format; });
+}
+
 std::string WhyIncomplete(ArvBufferStatus status, uint64_t missing_packets) {
   switch (status) {
     case ARV_BUFFER_STATUS_TIMEOUT:
@@ -537,6 +542,18 @@ CameraFrame AravisCamera::Describe(ArvBuffer* buffer) const {
   arv_buffer_get_image_padding(buffer, &padding_x, &padding_y);
   if (padding_x != 0 || padding_y != 0) {
     frame.problem = "rows are padded, which no 8-bit format of ours is";
+    return frame;
+  }
+  // The camera says both, and its word is not enough to read memory by.
+  const size_t channels = frame.pixel_format == "RGB8" ? 3 : 1;
+  const size_t told = channels * static_cast<size_t>(std::max(0, frame.width_px)) *
+                      static_cast<size_t>(std::max(0, frame.height_px));
+  size_t held = 0;
+  arv_buffer_get_data(buffer, &held);
+  if (told == 0 || told > held || !IsKnown(frame.pixel_format)) {
+    frame.problem = "says it is " + std::to_string(frame.width_px) + "x" +
+                    std::to_string(frame.height_px) + " of " + frame.pixel_format + " and has " +
+                    std::to_string(held) + " bytes";
     return frame;
   }
   frame.complete = true;

@@ -2,9 +2,9 @@
 
 #include <condition_variable>
 #include <cstdint>
-#include <deque>
 #include <filesystem>
 #include <functional>
+#include <list>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -87,7 +87,7 @@ class FrameSetWriter {
   ThreadPool threads_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<Job> jobs_;
+  std::list<Job> jobs_;  // the first stays in its place while others are given up
   std::map<Ticket, Result<WrittenSet>> done_;
   std::optional<Trouble> trouble_;
   Ticket last_ticket_ = 0;

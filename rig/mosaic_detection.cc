@@ -83,6 +83,7 @@ Result<BoardDetection> DetectBoardInMosaic(const cv::Mat& mosaic, const cv::Mat&
                                            const Board& board,
                                            const BoardDetectionOptions& options) {
   const cv::Size half(mosaic.cols / 2, mosaic.rows / 2);
+  if (half.empty()) return DetectBoard(demosaiced, board, options);
   cv::Mat small;
   cv::resize(mosaic(cv::Rect(0, 0, 2 * half.width, 2 * half.height)), small, half, 0, 0,
              cv::INTER_AREA);

@@ -180,5 +180,25 @@ TEST(FrameSetWriter, ASetThatIsGivenUpFreesItsMemory) {
   EXPECT_EQ(memory.lent(), 0u);
 }
 
+TEST(FrameSetWriter, GivingUpALaterSetLeavesTheFirstAndTheOthersInPlace) {
+  const test::TemporaryFolder folder;
+  FrameMemory memory(12, kWidth * kHeight);
+  FrameSetWriter writer(1);
+  std::vector<FrameSetWriter::Ticket> tickets = {
+      writer.Submit(OrderTo(folder / "none" / "first"), MakeShot(memory, 3, false))};
+  for (const char* name : {"second", "third", "fourth"}) {
+    tickets.push_back(writer.Submit(OrderTo(folder / name), MakeShot(memory, 3, false)));
+  }
+  ASSERT_TRUE(WaitForTrouble(writer, true));
+  writer.Abandon(tickets[1]);
+  EXPECT_FALSE(writer.Wait(tickets[1]));
+  std::filesystem::create_directory(folder / "none");
+  for (const size_t kept : {0, 2, 3}) {
+    const auto written = writer.Wait(tickets[kept]);
+    EXPECT_TRUE(written) << written.error().ToString();
+  }
+  EXPECT_EQ(memory.lent(), 0u);
+}
+
 }  // namespace
 }  // namespace rotunda::rig
