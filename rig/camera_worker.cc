@@ -353,6 +353,11 @@ std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
     }
     Result<CameraFrame> frame = TakeByNow(std::move(*block));
     const Status disarmed = camera_->Disarm();
+    if (frame && frame->complete) {
+      ids_.Begin(frame->frame_id);
+    } else {
+      ids_.Miss();
+    }
     if (frame && !frame->complete) {
       frame = Error{ErrorCode::kFailed, frame->problem, setup_.place.camera};
     }

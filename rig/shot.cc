@@ -106,7 +106,11 @@ void JudgeSkew(double limit_us, Shot& shot) {
 bool FrameIdCheck::Accept(uint64_t id) {
   // 16-bit ids go from 65535 to 1, which is accepted anyway.
   const bool follows = id > last_ && id <= last_ + 1 + unseen_;
-  if (id != 1 && !follows) return false;
+  const bool ahead = id > last_ + 1 + unseen_;
+  if (id != 1 && !follows && !(ahead && id == slipped_to_ + 1)) {
+    slipped_to_ = ahead ? id : 0;
+    return false;
+  }
   Begin(id);
   return true;
 }

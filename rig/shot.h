@@ -70,11 +70,12 @@ struct Shot {
 void JudgeSkew(double limit_us, Shot& shot);
 
 /// The id a frame must have. Many cameras begin at 1 whenever they are armed, others count on; a
-/// frame that was sent and never arrived leaves a gap of one.
+/// frame that was sent and never arrived leaves a gap of one. A camera that skips ids is refused
+/// once and believed when it counts on from there; one that lags behind never is.
 class FrameIdCheck {
  public:
   /// Of the warm-up frame.
-  void Begin(uint64_t id) { last_ = id, unseen_ = 0; }
+  void Begin(uint64_t id) { last_ = id, unseen_ = 0, slipped_to_ = 0; }
   /// True when the id is 1 or follows the last one; remembers it then.
   bool Accept(uint64_t id);
   /// A pulse whose frame was not seen.
@@ -84,6 +85,7 @@ class FrameIdCheck {
  private:
   uint64_t last_ = 0;
   uint64_t unseen_ = 0;
+  uint64_t slipped_to_ = 0;  // 0: nowhere
 };
 
 }  // namespace rotunda::rig

@@ -57,6 +57,13 @@ TEST(FrameIdCheck, TakesIdsThatRestartAndIdsThatCountOn) {
   EXPECT_TRUE(ids.Accept(10)) << "and it is known which";
   EXPECT_TRUE(ids.Accept(1));
   EXPECT_TRUE(ids.Accept(2));
+  EXPECT_FALSE(ids.Accept(40)) << "it skipped";
+  ids.Miss();
+  EXPECT_TRUE(ids.Accept(41)) << "and counts on from there";
+  ids.Miss();
+  EXPECT_FALSE(ids.Accept(41)) << "the frame of an earlier pulse";
+  ids.Miss();
+  EXPECT_FALSE(ids.Accept(41));
   ids.Begin(65535);
   EXPECT_TRUE(ids.Accept(1)) << "16 bits go round without 0";
 }
