@@ -621,8 +621,7 @@ Result<ClockSample> AravisCamera::SampleClock() {
 
 StreamCounters AravisCamera::counters() const {
   if (!stream_) return {};
-  return {Counter("n_resent_packets"), Counter("n_missing_packets"), Counter("n_ignored_packets"),
-          Counter("n_underruns")};
+  return {Counter("n_resent_packets"), Counter("n_missing_packets"), Counter("n_underruns")};
 }
 
 Result<CameraHealth> AravisCamera::ReadHealth() {

@@ -81,7 +81,6 @@ struct ClockSample {
 struct StreamCounters {
   uint64_t resent_packets = 0;
   uint64_t missing_packets = 0;
-  uint64_t ignored_packets = 0;
   uint64_t frames_without_memory = 0;  // a frame came that nobody had asked for
 };
 

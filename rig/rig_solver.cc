@@ -9,8 +9,6 @@ namespace {
 
 using Mask = Eigen::Array<bool, Eigen::Dynamic, 1>;
 
-constexpr Eigen::Index kMaxCameraSize = kPoseSize + static_cast<Eigen::Index>(kMaxCameraParams);
-constexpr Eigen::Index kMaxViewSize = kPoseSize + kFaceSize + kMaxCameraSize;
 constexpr double kMinDepth_m = 1e-3;
 constexpr size_t kFirstRational = 9;  // of FULL_OPENCV's parameters: k4
 /// Standard deviations that no lens exceeds by much: the pictures of a camera with good coverage

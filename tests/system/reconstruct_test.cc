@@ -1,6 +1,7 @@
 // The real command from simulated pictures to poses, and on real photographs when they are at hand.
 
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 
 #include <algorithm>
 #include <filesystem>
@@ -40,6 +41,27 @@ nlohmann::json Evaluate(const fs::path& measured, const fs::path& truth) {
   const ProcessOutcome outcome = Rotunda({"evaluate", measured, "--truth", truth, "--json"});
   EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
   return nlohmann::json::parse(outcome.output);
+}
+
+/// By the matches that colmap verified, over all pairs of its database.
+std::string CameraWithFewestMatches(const fs::path& database) {
+  sqlite3* file = nullptr;
+  EXPECT_EQ(sqlite3_open_v2(database.c_str(), &file, SQLITE_OPEN_READONLY, nullptr), SQLITE_OK);
+  sqlite3_stmt* query = nullptr;
+  // colmap's pair_id is first * 2147483647 + second, first < second.
+  EXPECT_EQ(sqlite3_prepare_v2(file,
+                               "SELECT i.name, sum(t.rows) AS matches FROM images i "
+                               "LEFT JOIN two_view_geometries t ON i.image_id IN "
+                               "(t.pair_id / 2147483647, t.pair_id % 2147483647) "
+                               "GROUP BY i.image_id ORDER BY matches LIMIT 1",
+                               -1, &query, nullptr),
+            SQLITE_OK)
+      << sqlite3_errmsg(file);
+  EXPECT_EQ(sqlite3_step(query), SQLITE_ROW);
+  const fs::path name = reinterpret_cast<const char*>(sqlite3_column_text(query, 0));
+  sqlite3_finalize(query);
+  sqlite3_close(file);
+  return name.stem();
 }
 
 /// Of the capture below: measured 0.054 deg and 1.55 mm, and 0.9 to 1.2 times the predicted sigmas.
@@ -232,14 +254,16 @@ TEST_F(SimulatedCapture, StartsFromAColmapDatabase) {
   Reconstruct("from-database", {"--database", database});
   const nlohmann::json errors =
       Evaluate(*folder_ / "from-database" / "poses.json", *folder_ / "set" / "truth.json");
-  // colmap's verification draws anew in every run, so that there are other matches each time, and
-  // cameras 48 deg apart have about as few of them as a pose needs: one or two may be left out,
-  // with a reason. The poses must be as good as their sigmas say.
-  EXPECT_GE(errors["registered"], 28);
+  // colmap's verification draws anew in every run, so that there are other matches each time: the
+  // poses must be as good as their sigmas say. The camera that colmap matches least has about as
+  // many points as a pose needs; only it may be left out, with the reason.
+  const std::string thinnest = CameraWithFewestMatches(database);
   const nlohmann::json poses =
       nlohmann::json::parse(Bytes(*folder_ / "from-database" / "poses.json"));
   for (const nlohmann::json& camera : poses["cameras"]) {
-    EXPECT_TRUE(camera["registered"] || !camera["reason"].get<std::string>().empty()) << camera;
+    if (camera["registered"]) continue;
+    EXPECT_EQ(camera["camera"], thinnest) << camera["reason"];
+    EXPECT_FALSE(camera["reason"].get<std::string>().empty());
   }
   EXPECT_LT(errors["rotation_error_over_sigma"], kMaxErrorOverSigma);
   EXPECT_LT(errors["position_error_over_sigma"], kMaxErrorOverSigma);
