@@ -384,6 +384,16 @@ TEST(CaptureSession, AnErrorThatIsNotUnderstoodIsNotCalledLostControl) {
   EXPECT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u) << "it is opened again";
 }
 
+/// The first camera's state once it has been refused.
+CameraState StateOfRefused(const CaptureSession& session) {
+  for (int i = 0; i < 2000 && session.States().front().problem.empty(); ++i) {
+    std::this_thread::sleep_for(10ms);
+  }
+  const CameraState state = session.States().front();
+  EXPECT_STREQ(ConditionName(state.condition), "lost");
+  return state;
+}
+
 TEST(CaptureSession, ACameraThatDoesNotKeepItsSettingsSaysWhich) {
   SimulatedRig::Options options = RigOf("127.32.18", 2);
   options.like.max_packet_delay_ns = 5000;
@@ -392,8 +402,7 @@ TEST(CaptureSession, ACameraThatDoesNotKeepItsSettingsSaysWhich) {
   rig.capture().uplinks = {{"loop", 1000, 1000}};
   const auto session = rig.Open();
   ASSERT_TRUE(session) << session.error().ToString();
-  EXPECT_EQ((*session)->WaitUntilReady(1500ms), 0u);
-  const CameraState state = (*session)->States().front();
+  const CameraState state = StateOfRefused(**session);
   EXPECT_NE(state.problem.find("GevSCPD"), std::string::npos) << state.problem;
   EXPECT_NE(state.problem.find("has 5000 ns"), std::string::npos) << state.problem;
   EXPECT_STREQ(VerdictName(state.lost_as), "camera error");
@@ -407,8 +416,7 @@ TEST(CaptureSession, WholeSensorsThatTheNetworkIsTooSlowForAreRefused) {
   ASSERT_EQ(rig.capture().settings.width_px, 0);
   const auto session = rig.Open();
   ASSERT_TRUE(session) << session.error().ToString();
-  EXPECT_EQ((*session)->WaitUntilReady(1500ms), 0u);
-  const CameraState state = (*session)->States().front();
+  const CameraState state = StateOfRefused(**session);
   EXPECT_NE(state.problem.find("frames of 0.12 MB need 2"), std::string::npos) << state.problem;
   EXPECT_NE(state.problem.find("capture.deadline_ms is 100"), std::string::npos) << state.problem;
 }
