@@ -20,7 +20,8 @@ using std::chrono::milliseconds;
 
 // GigE Vision bootstrap registers, which every camera has.
 constexpr uint64_t kControlPrivilegeRegister = 0x0A00;
-constexpr uint32_t kControlPrivilegeBits = 0x3;  // control, exclusive
+constexpr uint32_t kControlPrivilegeBits = 0x3;         // control, exclusive
+constexpr uint64_t kHeartbeatTimeoutRegister = 0x0938;  // ms
 constexpr uint64_t kTickFrequencyRegister = 0x093C;
 constexpr uint64_t kTimestampControlRegister = 0x0944;
 constexpr uint32_t kTimestampLatch = 0x2;
@@ -71,6 +72,11 @@ class GErrorSlot {
     return &error_;
   }
   explicit operator bool() const { return error_ != nullptr; }
+  /// The camera answered that the caller may not do this.
+  bool IsDenied() const {
+    return g_error_matches(error_, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONTROLLER) ||
+           g_error_matches(error_, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_PROTOCOL_ERROR_ACCESS_DENIED);
+  }
   std::string message() const { return error_ == nullptr ? "" : error_->message; }
   Error ToError(const std::string& what) const { return {ErrorCode::kFailed, message(), what}; }
   Status status(const std::string& what) const {
@@ -176,6 +182,8 @@ class AravisCamera final : public Camera {
   Result<ClockSample> SampleClock() override;
   StreamCounters counters() const override;
   Result<CameraHealth> ReadHealth() override;
+  Status CheckPtp() override;
+  bool LostControl() override;
 
  private:
   static void OnControlLost(ArvDevice*, gpointer self) {
@@ -192,6 +200,7 @@ class AravisCamera final : public Camera {
   Status ApplyTrigger(const CameraSettings& settings);
   Status ApplyPtp();
   Status ApplyTransport(const CameraSettings& settings);
+  Status ApplyPacketDelay(const BandwidthShare& bandwidth);
   Status SetTriggerSource(const std::string& source);
   Result<AppliedSettings> ReadBack(const CameraSettings& settings);
   Status CheckControl();
@@ -224,7 +233,7 @@ class AravisCamera final : public Camera {
   size_t payload_bytes_ = 0;
   bool receiving_ = false;  // the stream's thread runs
   bool acquiring_ = false;
-  bool frame_pending_ = false;  // armed, and no frame fetched since
+  int lent_ = 0;  // buffers that no frame has come for
   uint64_t missing_when_armed_ = 0;
   uint64_t unasked_when_armed_ = 0;
 };
@@ -354,24 +363,45 @@ Result<int64_t> AravisCamera::PtpOffset_ns() {
   return offset;
 }
 
+Status AravisCamera::CheckPtp() {
+  ROTUNDA_ASSIGN_OR_RETURN(const int64_t offset_ns, PtpOffset_ns());
+  if (std::abs(offset_ns) <= kPtpOffsetLimit_ns) return {};
+  return Error{ErrorCode::kFailed,
+               "is " + std::to_string(offset_ns) + " ns, expected at most " +
+                   std::to_string(kPtpOffsetLimit_ns),
+               "PtpOffsetFromMaster"};
+}
+
 Status AravisCamera::ApplyPtp() {
   GErrorSlot error;
   arv_camera_set_boolean(camera_.get(), "PtpEnable", TRUE, error.out());
   ROTUNDA_RETURN_IF_ERROR(error.status("PtpEnable"));
   const auto deadline = Clock::now() + kPtpPatience;
-  while (true) {
-    const Result<int64_t> offset = PtpOffset_ns();
-    if (offset && std::abs(*offset) <= kPtpOffsetLimit_ns) return {};
-    if (Clock::now() > deadline) {
-      return offset ? Error{ErrorCode::kFailed,
-                            "is " + std::to_string(*offset) + " ns after " +
-                                std::to_string(kPtpPatience.count()) + " s, expected at most " +
-                                std::to_string(kPtpOffsetLimit_ns),
-                            "PtpOffsetFromMaster"}
-                    : offset.error();
-    }
+  Status follows = CheckPtp();
+  while (!follows && Clock::now() < deadline) {
     std::this_thread::sleep_for(kPtpPollInterval);
+    follows = CheckPtp();
   }
+  return follows;
+}
+
+/// A camera that leaves shorter gaps than planned takes the others' part of the uplink, and one
+/// that leaves longer ones is late.
+Status AravisCamera::ApplyPacketDelay(const BandwidthShare& bandwidth) {
+  GErrorSlot error;
+  const int packet_size =
+      static_cast<int>(arv_camera_gv_get_packet_size(camera_.get(), error.out()));
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet size"));
+  const int64_t wanted_ns = PacketDelay_ns(packet_size, bandwidth);
+  arv_camera_gv_set_packet_delay(camera_.get(), wanted_ns, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
+  const int64_t found_ns = arv_camera_gv_get_packet_delay(camera_.get(), error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
+  const double interval_ns = 8e9 * packet_size / bandwidth.link_bits_per_s;
+  const double tolerance_ns = kRelativeTolerance * (interval_ns + static_cast<double>(wanted_ns));
+  if (std::abs(static_cast<double>(found_ns - wanted_ns)) <= tolerance_ns) return {};
+  return ReadBackError("packet delay (GevSCPD)", std::to_string(wanted_ns) + " ns",
+                       std::to_string(found_ns) + " ns");
 }
 
 Status AravisCamera::ApplyTransport(const CameraSettings& settings) {
@@ -385,12 +415,7 @@ Status AravisCamera::ApplyTransport(const CameraSettings& settings) {
   stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, error.out()));
   if (!stream_) return error.ToError("stream");
   receiving_ = true;
-  const int packet_size =
-      static_cast<int>(arv_camera_gv_get_packet_size(camera_.get(), error.out()));
-  ROTUNDA_RETURN_IF_ERROR(error.status("packet size"));
-  arv_camera_gv_set_packet_delay(camera_.get(), PacketDelay_ns(packet_size, settings.bandwidth),
-                                 error.out());
-  ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
+  ROTUNDA_RETURN_IF_ERROR(ApplyPacketDelay(settings.bandwidth));
   payload_bytes_ = arv_camera_get_payload(camera_.get(), error.out());
   ROTUNDA_RETURN_IF_ERROR(error.status("payload size"));
   g_object_set(
@@ -440,6 +465,7 @@ Status AravisCamera::CheckControl() {
   guint32 privilege = 0;
   if (!control_lost_) {
     arv_device_read_register(device_, kControlPrivilegeRegister, &privilege, error.out());
+    if (error.IsDenied()) control_lost_ = true;
     ROTUNDA_RETURN_IF_ERROR(error.status("control"));
   }
   if ((privilege & kControlPrivilegeBits) == 0) {
@@ -449,7 +475,21 @@ Status AravisCamera::CheckControl() {
   return {};
 }
 
+bool AravisCamera::LostControl() {
+  if (!CheckControl()) return control_lost_;
+  // A camera that does not tell who asks shows the other's privilege: but it obeys only that one.
+  GErrorSlot error;
+  guint32 timeout_ms = 0;
+  arv_device_read_register(device_, kHeartbeatTimeoutRegister, &timeout_ms, error.out());
+  if (!error) {
+    arv_device_write_register(device_, kHeartbeatTimeoutRegister, timeout_ms, error.out());
+  }
+  if (error.IsDenied()) control_lost_ = true;
+  return control_lost_;
+}
+
 void AravisCamera::DropBuffers() {
+  lent_ = 0;
   if (stream_ && receiving_) arv_stream_stop_thread(stream_.get(), TRUE);
   receiving_ = false;
 }
@@ -471,7 +511,7 @@ Status AravisCamera::CheckMemory(const FrameBlock& memory) const {
 
 void AravisCamera::Lend(FrameBlock memory) {
   missing_when_armed_ = Counter("n_missing_packets");
-  frame_pending_ = true;
+  ++lent_;
   arv_stream_push_buffer(stream_.get(), MakeBuffer(std::move(memory), payload_bytes_).release());
 }
 
@@ -479,7 +519,7 @@ Status AravisCamera::Refill(FrameBlock memory) {
   ROTUNDA_RETURN_IF_ERROR(CheckMemory(memory));
   if (!acquiring_) return Arm(TriggerBy::kLine, std::move(memory));
   ROTUNDA_RETURN_IF_ERROR(CheckControl());
-  if (!frame_pending_) Lend(std::move(memory));
+  Lend(std::move(memory));
   return {};
 }
 
@@ -545,8 +585,8 @@ CameraFrame AravisCamera::Describe(ArvBuffer* buffer) const {
     return frame;
   }
   // The camera says both, and its word is not enough to read memory by.
-  const size_t channels = frame.pixel_format == "RGB8" ? 3 : 1;
-  const size_t told = channels * static_cast<size_t>(std::max(0, frame.width_px)) *
+  const size_t told = BytesPerPixel(frame.pixel_format) *
+                      static_cast<size_t>(std::max(0, frame.width_px)) *
                       static_cast<size_t>(std::max(0, frame.height_px));
   size_t held = 0;
   arv_buffer_get_data(buffer, &held);
@@ -569,7 +609,7 @@ std::optional<CameraFrame> AravisCamera::Fetch(Clock::time_point deadline) {
     const GObjectPtr<ArvBuffer> buffer(arv_stream_timeout_pop_buffer(stream_.get(), patience_us));
     if (!buffer) return std::nullopt;
     if (arv_buffer_get_status(buffer.get()) == ARV_BUFFER_STATUS_ABORTED) continue;
-    frame_pending_ = false;
+    --lent_;
     return Describe(buffer.get());
   }
 }
@@ -590,10 +630,9 @@ Status AravisCamera::Disarm() {
   if (acquiring_ && !control_lost_) {
     arv_camera_stop_acquisition(camera_.get(), error.out());
     // Packets of a frame that nobody took must not be taken for the next one.
-    if (frame_pending_ || Counter("n_underruns") != unasked_when_armed_) WaitUntilQuiet();
+    if (lent_ > 0 || Counter("n_underruns") != unasked_when_armed_) WaitUntilQuiet();
   }
   acquiring_ = false;
-  frame_pending_ = false;
   DropBuffers();
   return error.status("AcquisitionStop");
 }
@@ -654,7 +693,7 @@ Result<std::unique_ptr<Camera>> OpenAravisCamera(const CameraPlace& place) {
   GObjectPtr<ArvCamera> camera(arv_camera_new(place.address.c_str(), error.out()));
   if (!camera) return error.ToError("cannot open " + place.address);
   if (!arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera.get())))) {
-    return Error{ErrorCode::kFailed,
+    return Error{ErrorCode::kAlreadyExists,
                  "another program controls it (close that, or wait for its heartbeat to run out)",
                  place.address};
   }

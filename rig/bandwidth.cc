@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 namespace rotunda::rig {
 namespace {
@@ -32,6 +33,19 @@ double FrameTime_s(size_t payload_bytes, int packet_size_bytes, const BandwidthS
       std::ceil(static_cast<double>(payload_bytes) / (packet_size_bytes - kPacketHeaders_bytes)) +
       kLeaderAndTrailer;
   return packets * PacketInterval_s(packet_size_bytes, share);
+}
+
+Status CheckInTime(const FrameTransfer& transfer, const BandwidthShare& share, int deadline_ms) {
+  const double needed_ms =
+      1e3 * FrameTime_s(transfer.payload_bytes, transfer.packet_size_bytes, share) +
+      1e-3 * transfer.exposure_us;
+  if (needed_ms < deadline_ms) return {};
+  std::ostringstream text;
+  text.precision(3);
+  text << "frames of " << static_cast<double>(transfer.payload_bytes) / 1e6 << " MB need "
+       << needed_ms << " ms from the pulse on in packets of " << transfer.packet_size_bytes
+       << " bytes, but capture.deadline_ms is " << deadline_ms;
+  return Error{ErrorCode::kInvalidArgument, text.str(), "bandwidth"};
 }
 
 }  // namespace rotunda::rig

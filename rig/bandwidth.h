@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <string>
 
+#include "sfm/core/result.h"
+
 namespace rotunda::rig {
 
 /// What one camera may use of the link that it shares with others.
@@ -29,6 +31,9 @@ inline constexpr double kUsablePartOfUplink = 0.9;
 inline constexpr int kEthernetOverhead_bytes = 38;
 /// IP, UDP and GVSP headers, which count into the packet size.
 inline constexpr int kPacketHeaders_bytes = 36;
+/// Packet sizes that are used at all: what every IPv4 host takes, and the longest jumbo frames.
+inline constexpr int kMinPacketSize_bytes = 576;
+inline constexpr int kMaxPacketSize_bytes = 16384;
 
 /// The gap a camera has to leave between two of its packets (GevSCPD), so that its share is not
 /// exceeded: the interval (packet + 38) * 8 / share minus the packet's own time on its link.
@@ -37,5 +42,14 @@ int64_t PacketDelay_ns(int packet_size_bytes, const BandwidthShare& share);
 /// Time from the first to the last packet of a frame of `payload_bytes` sent with that gap; leader
 /// and trailer are packets too.
 double FrameTime_s(size_t payload_bytes, int packet_size_bytes, const BandwidthShare& share);
+
+/// What has to be done between a pulse and its deadline.
+struct FrameTransfer {
+  size_t payload_bytes = 0;
+  int packet_size_bytes = 0;
+  double exposure_us = 0;
+};
+/// kInvalidArgument when exposure and transfer take longer than `deadline_ms`, with both.
+Status CheckInTime(const FrameTransfer& transfer, const BandwidthShare& share, int deadline_ms);
 
 }  // namespace rotunda::rig

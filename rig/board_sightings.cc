@@ -214,10 +214,12 @@ Status AddFolder(const fs::path& folder, ShotCollector* shots) {
     }
     return {};
   }
-  const bool one_folder = below.size() == 1 || std::any_of(below.begin(), below.end(), [](auto& p) {
-                            return p.filename() == "frames" || p.filename() == "images";
-                          });
-  if (below.empty() || one_folder) return shots->AddFrameSet(folder);  // a plain folder: one shot
+  const bool plain = std::any_of(below.begin(), below.end(), [](auto& p) {
+    return p.filename() == "frames" || p.filename() == "images";
+  });
+  // One folder beside pictures is not a camera's.
+  const bool own_pictures = below.size() == 1 && ReadFrameSet(folder).ok();
+  if (below.empty() || plain || own_pictures) return shots->AddFrameSet(folder);  // one shot
   return shots->AddCameraFolders(folder, below);
 }
 

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "rig/bandwidth.h"
 #include "rig/frame_memory.h"
@@ -30,6 +31,11 @@ struct CameraIdentity {
   std::string firmware;
 };
 
+/// Of the 8-bit formats that cameras may be set to.
+inline size_t BytesPerPixel(std::string_view pixel_format) {
+  return pixel_format == "RGB8" ? 3 : 1;
+}
+
 /// What is written to a camera; Apply() reads every value back.
 struct CameraSettings {
   int width_px = 0;  // 0: the whole sensor
@@ -42,6 +48,11 @@ struct CameraSettings {
   int packet_size_bytes = 9000;          // at most; less where the path carries less
   BandwidthShare bandwidth;              // sets the gap between packets
   bool resend = true;                    // ask again for lost packets
+
+  /// Of one frame; 0 while the camera's sensor decides.
+  size_t PayloadBytes() const {
+    return static_cast<size_t>(width_px) * height_px * BytesPerPixel(pixel_format);
+  }
 };
 
 /// Exactly the settings that can be read from a camera, as it has them.
@@ -87,7 +98,7 @@ struct StreamCounters {
 struct CameraHealth {
   bool control_held = false;
   std::optional<double> temperature_deg_c;  // where the camera offers it
-  std::optional<int64_t> ptp_offset_ns;     // from the master; set while the clock follows one
+  std::optional<int64_t> ptp_offset_ns;     // from the master; set while the clock follows it
 };
 
 /// An open camera that we control. Not thread-safe: one thread owns it, and calls may block for
@@ -107,7 +118,8 @@ class Camera {
   /// least). What an earlier shot left behind is thrown away. kFailed when control was lost or the
   /// camera does not answer.
   virtual Status Arm(TriggerBy by, FrameBlock memory) = 0;
-  /// For another trigger while the camera stays armed: memory for one more frame.
+  /// For another trigger while the camera stays armed: memory for one more frame, beside what an
+  /// earlier trigger has not filled.
   virtual Status Refill(FrameBlock memory) = 0;
   /// True once the camera says that it will answer a trigger (or cannot tell); false at `deadline`.
   virtual Result<bool> WaitArmed(Clock::time_point deadline) = 0;
@@ -122,10 +134,16 @@ class Camera {
   virtual Result<ClockSample> SampleClock() = 0;
   virtual StreamCounters counters() const = 0;
   virtual Result<CameraHealth> ReadHealth() = 0;
+  /// With CameraSettings::ptp: kFailed when the camera's clock does not follow its PTP master
+  /// closely.
+  virtual Status CheckPtp() = 0;
+  /// Asks the camera, after a call has failed: true when another has control, or nobody.
+  virtual bool LostControl() = 0;
 };
 
 /// Opens the camera of `place` and takes control of it. kNotFound: nobody answers there. kBadInput:
-/// another serial than expected, with both. kFailed: another program holds control.
+/// another serial than expected, with both. kAlreadyExists: another program has control. kFailed:
+/// it answers, but cannot be used.
 using OpenCamera = std::function<Result<std::unique_ptr<Camera>>(const CameraPlace& place)>;
 
 }  // namespace rotunda::rig

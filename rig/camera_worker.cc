@@ -20,12 +20,18 @@ constexpr auto kReopenInterval = milliseconds(500);
 constexpr auto kProbePatience = milliseconds(250);
 constexpr int kProbeTries = 3;
 
-constexpr char kSilent[] = "it does not answer (power, cable and network of the camera?)";
-
 /// Why a camera could not be opened, as a verdict on it.
 Verdict VerdictOf(const Error& error) {
-  if (error.code == ErrorCode::kBadInput) return Verdict::kWrongCamera;
-  return error.code == ErrorCode::kNotFound ? Verdict::kDisconnected : Verdict::kControlLost;
+  switch (error.code) {
+    case ErrorCode::kBadInput:
+      return Verdict::kWrongCamera;
+    case ErrorCode::kNotFound:
+      return Verdict::kDisconnected;
+    case ErrorCode::kAlreadyExists:
+      return Verdict::kControlLost;
+    default:
+      return Verdict::kCameraError;
+  }
 }
 
 constexpr char kArmedCheck[] = "the camera";
@@ -212,9 +218,12 @@ void CameraWorker::Idle() {
 
 CameraWorker::Loss CameraWorker::FindOut(const Error& error) const {
   if (!Answers(kProbeTries)) return {Verdict::kDisconnected, kSilent};
-  return {Verdict::kControlLost,
-          "it answers, but control was lost: restarted, or taken by another program (" +
-              error.ToString() + ")"};
+  if (camera_->LostControl()) {
+    return {Verdict::kControlLost,
+            "it answers, but control was lost: restarted, or taken by another program (" +
+                error.ToString() + ")"};
+  }
+  return {Verdict::kCameraError, "it answers, but: " + error.ToString()};
 }
 
 void CameraWorker::Lose(const Loss& loss) {
@@ -232,11 +241,11 @@ void CameraWorker::Lose(const Loss& loss) {
 void CameraWorker::TryOpen() {
   const Status opened = OpenAndWarmUp();
   if (opened.ok()) return;
-  const Loss loss{VerdictOf(opened.error()), opened.error().ToString()};
   if (camera_) {
-    Lose(loss);
+    Lose(FindOut(opened.error()));
     return;
   }
+  const Loss loss{VerdictOf(opened.error()), opened.error().ToString()};
   UpdateState([&](CameraState& state) {
     state.condition = CameraCondition::kLost;
     state.problem = loss.problem;
@@ -248,8 +257,12 @@ Status CameraWorker::OpenAndWarmUp() {
   ROTUNDA_ASSIGN_OR_RETURN(const CameraPlace place, setup_.locate(setup_.place));
   ROTUNDA_ASSIGN_OR_RETURN(camera_, setup_.open(place));
   ROTUNDA_ASSIGN_OR_RETURN(const AppliedSettings applied, camera_->Apply(setup_.settings));
+  ROTUNDA_RETURN_IF_ERROR(
+      CheckInTime({applied.payload_bytes, applied.packet_size_bytes, applied.exposure_us},
+                  setup_.settings.bandwidth, setup_.deadline_ms));
   ids_ = {};
   clock_ = {};
+  earlier_pulse_.reset();
   UpdateState([&](CameraState& state) {
     state.identity = camera_->identity();
     state.settings = applied;
@@ -275,7 +288,10 @@ Status CameraWorker::WarmUp() {
     std::vector<FrameBlock> block = memory.Take(1, Clock::now());
     const Result<CameraFrame> frame = TakeByNow(std::move(block.front()));
     ROTUNDA_RETURN_IF_ERROR(camera_->Disarm());
-    if (frame && frame->complete) ids_.Begin(frame->frame_id);
+    if (frame && frame->complete) {
+      ids_.Begin(frame->frame_id);
+      NoteFrame(*frame);
+    }
     if (frame) return {};
     last = frame.error();
   }
@@ -295,6 +311,13 @@ Result<CameraFrame> CameraWorker::TakeByNow(FrameBlock memory) {
                  setup_.place.camera};
   }
   return std::move(*frame);
+}
+
+void CameraWorker::NoteFrame(const CameraFrame& frame) {
+  UpdateState([&](CameraState& state) {
+    state.last_frame_id = frame.frame_id;
+    state.last_frame_at = Clock::now();
+  });
 }
 
 void CameraWorker::SampleClock(int tries) {
@@ -325,11 +348,12 @@ void CameraWorker::JoinPulse(std::shared_ptr<PulseTask> task, size_t index, Fram
     UpdateState([&](CameraState& state) {
       state.last_verdict = VerdictName(shot.verdict);
       if (camera_) state.counters = camera_->counters();
-      if (shot.frame) state.last_frame_id = shot.frame->frame_id;
     });
+    if (shot.frame) NoteFrame(*shot.frame);
     const Loss loss{shot.verdict, shot.reason};
-    const bool lost =
-        loss.verdict == Verdict::kDisconnected || loss.verdict == Verdict::kControlLost;
+    const bool lost = loss.verdict == Verdict::kDisconnected ||
+                      loss.verdict == Verdict::kControlLost ||
+                      loss.verdict == Verdict::kCameraError;
     task->ReportResult(index, std::move(shot));
     if (lost && camera_) Lose(loss);
   });
@@ -355,6 +379,7 @@ std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
     const Status disarmed = camera_->Disarm();
     if (frame && frame->complete) {
       ids_.Begin(frame->frame_id);
+      NoteFrame(*frame);
     } else {
       ids_.Miss();
     }
@@ -367,15 +392,28 @@ std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
   return future;
 }
 
-Status CameraWorker::PrepareForPulse(const PulseTask& task, FrameBlock memory, bool stay_armed) {
+Result<CameraWorker::Clock::time_point> CameraWorker::PrepareForPulse(const PulseTask& task,
+                                                                      FrameBlock memory,
+                                                                      bool stay_armed) {
+  // What an earlier pulse has brought since its deadline is not the next one's.
+  while (const auto late = stay_armed ? camera_->Fetch(Clock::now()) : std::nullopt) {
+    if (late->complete) ids_.Accept(late->frame_id);
+  }
   ROTUNDA_RETURN_IF_ERROR(stay_armed ? camera_->Refill(std::move(memory))
                                      : camera_->Arm(TriggerBy::kLine, std::move(memory)));
   ROTUNDA_ASSIGN_OR_RETURN(const bool armed, camera_->WaitArmed(task.arm_deadline()));
   if (!armed) {
     return Error{ErrorCode::kFailed, "does not say that it waits for a trigger", kArmedCheck};
   }
-  if (!setup_.settings.ptp) SampleClock(kClockTries);
-  return {};
+  const auto armed_at = Clock::now();
+  if (setup_.settings.ptp) {
+    ptp_ = camera_->CheckPtp();
+    clock_ = {};  // it may have been set since the last sample
+    SampleClock(1);
+  } else {
+    SampleClock(kClockTries);
+  }
+  return armed_at;
 }
 
 CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed) {
@@ -392,7 +430,7 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
     return shot;
   }
   const StreamCounters before = camera_->counters();
-  const Status armed = PrepareForPulse(task, std::move(memory), stay_armed);
+  const Result<Clock::time_point> armed = PrepareForPulse(task, std::move(memory), stay_armed);
   if (!armed && armed.error().context == kArmedCheck) {
     shot.verdict = Verdict::kNotArmed;
     shot.reason = armed.error().ToString();
@@ -411,16 +449,44 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
     return shot;
   }
   FetchPulse(task, *pulse, shot);
+  if (shot.verdict == Verdict::kMissing && *armed > *pulse) {
+    shot.verdict = Verdict::kArmedLate;
+    shot.reason =
+        "it waited for a trigger only " +
+        std::to_string(std::chrono::duration_cast<milliseconds>(*armed - *pulse).count()) +
+        " ms after the pulse (slow to answer? capture.arm_ms?)";
+  }
   CheckForSecondFrame(task, before.frames_without_memory, shot);
   shot.resent_packets = camera_->counters().resent_packets - before.resent_packets;
   if (!shot.frame) Diagnose(shot);
   return shot;
 }
 
+/// By the camera's own clock, which needs not be known well: pulses are far apart.
+bool CameraWorker::IsOfEarlierPulse(const CameraFrame& frame, Clock::time_point pulse) const {
+  const std::optional<ClockSample> clock = clock_.At(Clock::now());
+  if (!frame.complete || !clock || !earlier_pulse_) return false;
+  const std::chrono::nanoseconds exposed(static_cast<int64_t>(frame.timestamp_ns) +
+                                         clock->host_minus_camera_ns);
+  return exposed < (*earlier_pulse_ + (pulse - *earlier_pulse_) / 2).time_since_epoch();
+}
+
+std::optional<CameraFrame> CameraWorker::FetchOwnFrame(Clock::time_point pulse,
+                                                       Clock::time_point deadline) {
+  std::optional<CameraFrame> frame = camera_->Fetch(deadline);
+  while (frame && IsOfEarlierPulse(*frame, pulse)) {
+    ids_.Accept(frame->frame_id);
+    if (!camera_->Refill(std::move(frame->memory))) return std::nullopt;
+    frame = camera_->Fetch(deadline);
+  }
+  earlier_pulse_ = pulse;
+  return frame;
+}
+
 void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, CameraShot& shot) {
   const ShotTiming& timing = task.timing();
   const auto deadline = pulse + milliseconds(timing.deadline_ms);
-  std::optional<CameraFrame> frame = camera_->Fetch(deadline + milliseconds(timing.late_ms));
+  std::optional<CameraFrame> frame = FetchOwnFrame(pulse, deadline + milliseconds(timing.late_ms));
   const auto now = Clock::now();
   shot.arrival_ms = std::chrono::duration<double, std::milli>(now - pulse).count();
   const bool late = now > deadline;
@@ -448,7 +514,10 @@ void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, Ca
 
 void CameraWorker::CheckFrame(CameraShot& shot) {
   const CameraFrame& frame = *shot.frame;
-  if (setup_.settings.ptp) {
+  if (setup_.settings.ptp && !ptp_) {
+    shot.verdict = Verdict::kNoClock;
+    shot.reason = "when it exposed is not known: " + ptp_.error().ToString();
+  } else if (setup_.settings.ptp) {
     shot.exposed_ns = static_cast<int64_t>(frame.timestamp_ns);
   } else if (const std::optional<ClockSample> clock = clock_.At(Clock::now())) {
     shot.exposed_ns = static_cast<int64_t>(frame.timestamp_ns) + clock->host_minus_camera_ns;
@@ -475,7 +544,9 @@ void CameraWorker::CheckForSecondFrame(const PulseTask& task, uint64_t unasked_b
                                        CameraShot& shot) {
   if (!shot.frame) return;
   std::this_thread::sleep_for(milliseconds(task.timing().settle_ms));
-  if (camera_->counters().frames_without_memory == unasked_before) return;
+  // Memory that an earlier pulse left unfilled takes it in.
+  const bool came = camera_->Fetch(Clock::now()).has_value();
+  if (!came && camera_->counters().frames_without_memory == unasked_before) return;
   ids_.Miss();
   if (shot.verdict != Verdict::kOk) return;
   shot.verdict = Verdict::kSecondFrame;

@@ -16,6 +16,9 @@
 
 namespace rotunda::rig {
 
+/// Why a camera that no longer answers is not used.
+inline constexpr char kSilent[] = "it does not answer (power, cable and network of the camera?)";
+
 enum class CameraCondition { kOpening, kReady, kLost };
 const char* ConditionName(CameraCondition condition);
 
@@ -29,7 +32,9 @@ struct CameraState {
   AppliedSettings settings;
   CameraHealth health;
   StreamCounters counters;
+  // Of the last complete frame, whatever it was taken for.
   std::optional<uint64_t> last_frame_id;
+  std::optional<Camera::Clock::time_point> last_frame_at;
   std::string last_verdict;  // of the last shot
 };
 
@@ -79,6 +84,7 @@ class CameraWorker {
   struct Setup {
     CameraPlace place;
     CameraSettings settings;
+    int deadline_ms = 0;  // of ShotTiming
     OpenCamera open;
     Locate locate;
   };
@@ -130,7 +136,12 @@ class CameraWorker {
   Loss FindOut(const Error& error) const;
   void Lose(const Loss& loss);
   void SampleClock(int tries);
-  Status PrepareForPulse(const PulseTask& task, FrameBlock memory, bool stay_armed);
+  void NoteFrame(const CameraFrame& frame);
+  /// When the camera was seen to be armed.
+  Result<Clock::time_point> PrepareForPulse(const PulseTask& task, FrameBlock memory,
+                                            bool stay_armed);
+  bool IsOfEarlierPulse(const CameraFrame& frame, Clock::time_point pulse) const;
+  std::optional<CameraFrame> FetchOwnFrame(Clock::time_point pulse, Clock::time_point deadline);
   CameraShot TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed);
   void FetchPulse(const PulseTask& task, Clock::time_point pulse, CameraShot& shot);
   void CheckFrame(CameraShot& shot);
@@ -144,6 +155,8 @@ class CameraWorker {
   std::unique_ptr<Camera> camera_;  // null: not open
   FrameIdCheck ids_;
   ClockTrack clock_;
+  Status ptp_;  // of the last pulse
+  std::optional<Clock::time_point> earlier_pulse_;
   std::future<void> closing_;  // a lost camera takes seconds to close
 
   mutable std::mutex mutex_;

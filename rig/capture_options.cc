@@ -10,8 +10,6 @@ namespace rotunda::rig {
 namespace {
 
 constexpr int kMaxCameras = 1000;
-constexpr int kMinPacket_bytes = 576;  // what every network carries
-constexpr int kMaxPacket_bytes = 16384;
 
 Error Invalid(const std::string& key, const std::string& message) {
   return {ErrorCode::kInvalidArgument, message, key};
@@ -79,20 +77,16 @@ Status CheckTiming(const CaptureOptions& options) {
 /// The frames of one uplink must be through before the deadline.
 Status CheckBandwidth(const CaptureOptions& options) {
   const CameraSettings& settings = options.settings;
-  if (settings.width_px == 0 || settings.height_px == 0) return {};  // known when cameras are open
-  const size_t payload = static_cast<size_t>(settings.width_px) * settings.height_px *
-                         (settings.pixel_format == "RGB8" ? 3 : 1);
+  const size_t payload = settings.PayloadBytes();
+  if (payload == 0) return {};  // known when cameras are open: CameraWorker looks again
   for (const UplinkOptions& uplink : options.uplinks) {
     const UplinkLoad load = LoadOf(options, uplink.name);
-    const double frame_ms = 1e3 * FrameTime_s(payload, settings.packet_size_bytes, load.Share()) +
-                            1e-3 * settings.exposure_us;
-    if (load.cameras == 0 || frame_ms < options.timing.deadline_ms) continue;
-    std::ostringstream text;
-    text.precision(3);
-    text << load.cameras << " cameras with frames of " << static_cast<double>(payload) / 1e6
-         << " MB need " << frame_ms << " ms from the pulse on, but capture.deadline_ms is "
-         << options.timing.deadline_ms;
-    return Invalid("uplinks." + uplink.name, text.str());
+    if (load.cameras == 0) continue;
+    const Status in_time = CheckInTime({payload, settings.packet_size_bytes, settings.exposure_us},
+                                       load.Share(), options.timing.deadline_ms);
+    if (in_time.ok()) continue;
+    return Invalid("uplinks." + uplink.name,
+                   "with " + std::to_string(load.cameras) + " cameras, " + in_time.error().message);
   }
   return {};
 }
@@ -111,7 +105,7 @@ Status CaptureOptions::Validate() const {
   ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.exposure_us", settings.exposure_us, 1, 1e7));
   ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.gain_db", settings.gain_db, -60, 60));
   ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.packet_size_bytes", settings.packet_size_bytes,
-                                     kMinPacket_bytes, kMaxPacket_bytes));
+                                     kMinPacketSize_bytes, kMaxPacketSize_bytes));
   ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.width_px", settings.width_px, 0, 65535));
   ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.height_px", settings.height_px, 0, 65535));
   ROTUNDA_RETURN_IF_ERROR(CheckRange("trigger.pulse_us", trigger.pulse_us, 1, 1e6));

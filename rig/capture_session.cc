@@ -1,6 +1,8 @@
 #include "rig/capture_session.h"
 
 #include <algorithm>
+#include <future>
+#include <optional>
 #include <thread>
 
 #include "rig/camera_discovery.h"
@@ -12,9 +14,13 @@ using Clock = Camera::Clock;
 using std::chrono::milliseconds;
 
 constexpr auto kReadyPollInterval = milliseconds(10);
+// A picture of pure noise grows by a thousandth when it is coded; the rest is for the other files.
+constexpr size_t kCodingReserve = 50;
 // How long a shot waits for the disk before it says that memory is full.
 constexpr auto kMemoryPatience = milliseconds(3000);
 constexpr auto kPreviewPatience = milliseconds(3000);
+// For a frame by software trigger: a camera is given 2 s to arm and 2 s to send.
+constexpr auto kPreviewTime = milliseconds(6000);
 // After the deadlines: settling, and finding out why a camera is silent (three probes).
 constexpr auto kDiagnosisPatience = milliseconds(1500);
 // One broadcast serves all cameras that are looked for at the same time.
@@ -22,11 +28,6 @@ constexpr auto kDiscoveryPatience = milliseconds(500);
 constexpr auto kDiscoveryAge = milliseconds(3000);
 
 std::string Megabytes(size_t bytes) { return std::to_string(bytes / 1'000'000) + " MB"; }
-
-size_t PayloadOf(const CameraSettings& settings) {
-  return static_cast<size_t>(settings.width_px) * settings.height_px *
-         (settings.pixel_format == "RGB8" ? 3 : 1);
-}
 
 /// Simulated cameras on this machine wait for who receives: small buffers do no harm there.
 Status CheckBuffers(const CaptureOptions& options, size_t payload_bytes) {
@@ -45,7 +46,8 @@ class CaptureSession::Locator {
   Result<CameraPlace> Locate(const CameraPlace& place) {
     if (!place.address.empty()) return place;
     const std::lock_guard lock(mutex_);
-    if (found_.empty() || Clock::now() > asked_ + kDiscoveryAge) {
+    // That nobody was there is an answer too.
+    if (!asked_ || Clock::now() > *asked_ + kDiscoveryAge) {
       ROTUNDA_ASSIGN_OR_RETURN(found_, DiscoverCameras(kDiscoveryPatience));
       asked_ = Clock::now();
     }
@@ -69,28 +71,29 @@ class CaptureSession::Locator {
   const std::vector<CameraPlace> cameras_;
   std::mutex mutex_;
   std::vector<CameraIdentity> found_;
-  Clock::time_point asked_;
+  std::optional<Clock::time_point> asked_;
 };
 
 CaptureSession::CaptureSession(CaptureOptions options, Devices devices)
     : options_(std::move(options)),
       devices_(std::move(devices)),
-      locator_(std::make_unique<Locator>(options_.cameras)) {
+      locator_(std::make_unique<Locator>(options_.cameras)),
+      memory_(options_.cameras.size() * options_.sets_in_memory, options_.settings.PayloadBytes()) {
   for (const CameraPlace& place : options_.cameras) {
     const auto open = [this](const CameraPlace& at) -> Result<std::unique_ptr<Camera>> {
       Result<std::unique_ptr<Camera>> camera = devices_.open(at);
       return camera ? std::move(camera) : locator_->Explain(at, camera.error());
     };
     const auto locate = [this](const CameraPlace& at) { return locator_->Locate(at); };
-    workers_.push_back(std::make_unique<CameraWorker>(
-        CameraWorker::Setup{place, options_.SettingsOf(place), open, locate}));
+    workers_.push_back(std::make_unique<CameraWorker>(CameraWorker::Setup{
+        place, options_.SettingsOf(place), options_.timing.deadline_ms, open, locate}));
   }
 }
 
 Result<std::unique_ptr<CaptureSession>> CaptureSession::Open(CaptureOptions options,
                                                              Devices devices) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
-  ROTUNDA_RETURN_IF_ERROR(CheckBuffers(options, PayloadOf(options.settings)));
+  ROTUNDA_RETURN_IF_ERROR(CheckBuffers(options, options.settings.PayloadBytes()));
   std::sort(options.cameras.begin(), options.cameras.end(),
             [](const CameraPlace& a, const CameraPlace& b) { return a.camera < b.camera; });
   return std::unique_ptr<CaptureSession>(
@@ -130,29 +133,24 @@ size_t CaptureSession::WaitUntilReady(milliseconds patience, std::stop_token sto
   return ready;
 }
 
-size_t CaptureSession::MemoryLimit_bytes() const {
-  const std::lock_guard lock(memory_mutex_);
-  return memory_ ? memory_->limit_bytes() : 0;
+Status CaptureSession::FitMemory() {
+  for (const CameraState& state : States()) memory_.Grow(state.settings.payload_bytes);
+  return CheckBuffers(options_, memory_.block_bytes());
 }
 
-Status CaptureSession::MakeMemory() {
-  const std::lock_guard lock(memory_mutex_);
-  if (memory_) return {};
-  size_t payload = PayloadOf(options_.settings);
-  for (const CameraState& state : States()) {
-    payload = std::max(payload, state.settings.payload_bytes);
-  }
-  ROTUNDA_RETURN_IF_ERROR(CheckBuffers(options_, payload));
-  memory_ = std::make_unique<FrameMemory>(workers_.size() * options_.sets_in_memory, payload);
-  return {};
+size_t CaptureSession::ShotLimit_bytes() const {
+  size_t sum = 0;
+  for (const CameraState& state : States()) sum += state.settings.payload_bytes;
+  return sum + sum / kCodingReserve;
 }
 
 Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
   const std::vector<CameraWorker*> ready = ReadyWorkers();
-  std::vector<FrameBlock> blocks = memory_->Take(ready.size(), Clock::now() + kMemoryPatience);
+  ROTUNDA_RETURN_IF_ERROR(FitMemory());  // now that it is known who takes part
+  std::vector<FrameBlock> blocks = memory_.Take(ready.size(), Clock::now() + kMemoryPatience);
   if (blocks.size() < ready.size()) {
     return Error{ErrorCode::kFailed,
-                 "memory is full: " + Megabytes(memory_->lent() * memory_->block_bytes()) +
+                 "memory is full: " + Megabytes(memory_.lent() * memory_.block_bytes()) +
                      " of frames wait for the disk, and capture.sets_in_memory allows no more; "
                      "nothing is lost, try again when they are written",
                  "frames"};
@@ -188,9 +186,7 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
     silent.settings = state.settings;
     silent.verdict =
         state.condition == CameraCondition::kReady ? Verdict::kDisconnected : state.lost_as;
-    silent.reason = state.condition == CameraCondition::kReady
-                        ? "it does not answer (power, cable and network of the camera?)"
-                        : state.problem;
+    silent.reason = state.condition == CameraCondition::kReady ? kSilent : state.problem;
     shot.cameras.push_back(std::move(silent));
   }
   JudgeSkew(options_.skew_limit_us, shot);
@@ -206,7 +202,6 @@ Result<Shot> CaptureSession::Capture(std::stop_token stop) {
                      " is ready; the first says: " + workers_.front()->state().problem,
                  "cameras"};
   }
-  ROTUNDA_RETURN_IF_ERROR(MakeMemory());
   Result<Shot> best = TakePulse(false, stop);
   for (int i = 0; best && i < options_.retries && !best->complete(); ++i) {
     Result<Shot> next = TakePulse(true, stop);
@@ -222,12 +217,16 @@ Result<Shot> CaptureSession::Capture(std::stop_token stop) {
 }
 
 Result<CameraFrame> CaptureSession::Preview(const std::string& camera) {
-  ROTUNDA_RETURN_IF_ERROR(MakeMemory());
+  const std::lock_guard lock(one_shot_);
+  ROTUNDA_RETURN_IF_ERROR(FitMemory());
   for (const auto& worker : workers_) {
     if (worker->place().camera != camera) continue;
-    std::vector<FrameBlock> block = memory_->Take(1, Clock::now() + kPreviewPatience);
+    std::vector<FrameBlock> block = memory_.Take(1, Clock::now() + kPreviewPatience);
     if (block.empty()) return Error{ErrorCode::kFailed, "frames wait for the disk", "memory"};
-    return worker->Preview(std::move(block.front())).get();
+    std::future<Result<CameraFrame>> frame = worker->Preview(std::move(block.front()));
+    // A camera that hangs must not keep the others from their shots.
+    if (frame.wait_for(kPreviewTime) == std::future_status::ready) return frame.get();
+    return Error{ErrorCode::kFailed, kSilent, camera};
   }
   return Error{ErrorCode::kNotFound, "no camera has this name", camera};
 }

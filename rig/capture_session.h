@@ -47,21 +47,24 @@ class CaptureSession {
   /// is lost, try again). kIo: the trigger line. kCancelled.
   Result<Shot> Capture(std::stop_token stop = {});
 
-  /// One camera's frame by software trigger. Its memory is the session's.
+  /// One camera's frame by software trigger, between shots. Its memory is the session's.
   Result<CameraFrame> Preview(const std::string& camera);
 
   /// In the order of the configuration.
   std::vector<CameraState> States() const;
   const CaptureOptions& options() const { return options_; }
-  /// The most memory frames will take.
-  size_t MemoryLimit_bytes() const;
+  /// The most memory frames will take, by the cameras seen so far.
+  size_t MemoryLimit_bytes() const { return memory_.limit_bytes(); }
+  /// What the files of a shot may take: frames hardly grow when they are coded.
+  size_t ShotLimit_bytes() const;
 
  private:
   CaptureSession(CaptureOptions options, Devices devices);
   /// Where cameras without an address are; asks the networks at most every few seconds.
   class Locator;
 
-  Status MakeMemory();
+  /// Makes room for the frames of the largest camera seen.
+  Status FitMemory();
   Result<Shot> TakePulse(bool stay_armed, std::stop_token stop);
   std::vector<CameraWorker*> ReadyWorkers() const;
 
@@ -69,8 +72,7 @@ class CaptureSession {
   const Devices devices_;
   std::unique_ptr<Locator> locator_;
   std::mutex one_shot_;
-  mutable std::mutex memory_mutex_;
-  std::unique_ptr<FrameMemory> memory_;  // made when the frames' size is known
+  FrameMemory memory_;
   std::vector<std::unique_ptr<CameraWorker>> workers_;
 };
 

@@ -7,14 +7,13 @@ FrameBlock& FrameBlock::operator=(FrameBlock&& other) noexcept {
     GiveBack();
     owner_ = std::exchange(other.owner_, nullptr);
     bytes_ = std::move(other.bytes_);
+    size_ = std::exchange(other.size_, 0);
   }
   return *this;
 }
 
-size_t FrameBlock::size() const { return owner_ == nullptr ? 0 : owner_->block_bytes(); }
-
 void FrameBlock::GiveBack() {
-  if (bytes_) owner_->Return(std::move(bytes_));
+  if (bytes_) owner_->Return(std::move(bytes_), size_);
   owner_ = nullptr;
 }
 
@@ -32,10 +31,22 @@ std::vector<FrameBlock> FrameMemory::Take(size_t count,
       bytes = std::move(spare_.back());
       spare_.pop_back();
     }
-    taken.push_back(FrameBlock(this, std::move(bytes)));
+    taken.push_back(FrameBlock(this, std::move(bytes), block_bytes_));
   }
   lent_ += count;
   return taken;
+}
+
+void FrameMemory::Grow(size_t block_bytes) {
+  const std::lock_guard lock(mutex_);
+  if (block_bytes <= block_bytes_) return;
+  block_bytes_ = block_bytes;
+  spare_.clear();
+}
+
+size_t FrameMemory::block_bytes() const {
+  const std::lock_guard lock(mutex_);
+  return block_bytes_;
 }
 
 size_t FrameMemory::lent() const {
@@ -43,10 +54,10 @@ size_t FrameMemory::lent() const {
   return lent_;
 }
 
-void FrameMemory::Return(std::unique_ptr<uint8_t[]> bytes) {
+void FrameMemory::Return(std::unique_ptr<uint8_t[]> bytes, size_t size) {
   {
     const std::lock_guard lock(mutex_);
-    spare_.push_back(std::move(bytes));
+    if (size == block_bytes_) spare_.push_back(std::move(bytes));  // else it is too small by now
     --lent_;
   }
   returned_.notify_all();

@@ -20,22 +20,25 @@ class FrameBlock {
  public:
   FrameBlock() = default;
   FrameBlock(FrameBlock&& other) noexcept
-      : owner_(std::exchange(other.owner_, nullptr)), bytes_(std::move(other.bytes_)) {}
+      : owner_(std::exchange(other.owner_, nullptr)),
+        bytes_(std::move(other.bytes_)),
+        size_(std::exchange(other.size_, 0)) {}
   FrameBlock& operator=(FrameBlock&& other) noexcept;
   ~FrameBlock() { GiveBack(); }
 
   explicit operator bool() const { return bytes_ != nullptr; }
   uint8_t* data() const { return bytes_.get(); }
-  size_t size() const;
+  size_t size() const { return size_; }
 
  private:
   friend class FrameMemory;
-  FrameBlock(FrameMemory* owner, std::unique_ptr<uint8_t[]> bytes)
-      : owner_(owner), bytes_(std::move(bytes)) {}
+  FrameBlock(FrameMemory* owner, std::unique_ptr<uint8_t[]> bytes, size_t size)
+      : owner_(owner), bytes_(std::move(bytes)), size_(size) {}
   void GiveBack();
 
   FrameMemory* owner_ = nullptr;
   std::unique_ptr<uint8_t[]> bytes_;
+  size_t size_ = 0;
 };
 
 /// A bounded number of equal blocks: what capture may hold, on the way from cameras to disk. A
@@ -50,18 +53,21 @@ class FrameMemory {
   /// `count` blocks, or none when so many do not become free until `deadline`.
   std::vector<FrameBlock> Take(size_t count, std::chrono::steady_clock::time_point deadline);
 
-  size_t block_bytes() const { return block_bytes_; }
-  /// The most this will ever hold.
-  size_t limit_bytes() const { return blocks_ * block_bytes_; }
+  /// Blocks taken from now on have `block_bytes` at least; those that are lent stay as they are.
+  void Grow(size_t block_bytes);
+
+  size_t block_bytes() const;
+  /// The most this will hold, as large as blocks are now.
+  size_t limit_bytes() const { return blocks_ * block_bytes(); }
   size_t lent() const;
 
  private:
   friend class FrameBlock;
-  void Return(std::unique_ptr<uint8_t[]> bytes);
+  void Return(std::unique_ptr<uint8_t[]> bytes, size_t size);
 
   const size_t blocks_;
-  const size_t block_bytes_;
   mutable std::mutex mutex_;
+  size_t block_bytes_;
   std::condition_variable returned_;
   std::vector<std::unique_ptr<uint8_t[]>> spare_;
   size_t lent_ = 0;

@@ -38,7 +38,17 @@ std::string HashText(std::string_view bytes) {
   return text;
 }
 
-int ChannelsOf(const CameraFrame& frame) { return frame.pixel_format == "RGB8" ? 3 : 1; }
+int ChannelsOf(const CameraFrame& frame) {
+  return static_cast<int>(BytesPerPixel(frame.pixel_format));
+}
+
+/// Whether writing to `out` may work when it is tried again although nobody does anything else
+/// than to make room.
+bool MayPass(const Error& error, const fs::path& out) {
+  if (error.code != ErrorCode::kIo) return false;
+  const Status place = CheckOutputPlace(out, 0);
+  return place.ok() || place.error().code == ErrorCode::kIo;
+}
 
 PixelsView ViewOf(const CameraFrame& frame) {
   const int channels = ChannelsOf(frame);
@@ -144,6 +154,7 @@ struct FrameSetWriter::Job {
   Ticket ticket = 0;
   FrameSetOrder order;
   Shot shot;
+  std::optional<Trouble> trouble;
 };
 
 FrameSetWriter::FrameSetWriter(int threads) : threads_(threads), thread_([this] { Run(); }) {}
@@ -162,7 +173,7 @@ FrameSetWriter::Ticket FrameSetWriter::Submit(FrameSetOrder order, Shot shot) {
   {
     const std::lock_guard lock(mutex_);
     ticket = ++last_ticket_;
-    jobs_.push_back({ticket, std::move(order), std::move(shot)});
+    jobs_.push_back({ticket, std::move(order), std::move(shot), std::nullopt});
   }
   changed_.notify_all();
   return ticket;
@@ -176,11 +187,31 @@ Result<WrittenSet> FrameSetWriter::Wait(Ticket ticket, std::stop_token stop) {
       done_.erase(found);
       return result;
     }
+    const auto aside = std::find_if(jobs_.begin(), jobs_.end(), [&](const Job& job) {
+      return job.ticket == ticket && job.trouble && !job.trouble->tried_again;
+    });
+    if (aside != jobs_.end()) return aside->trouble->error;
     if (stop.stop_requested()) {
       return Error{ErrorCode::kCancelled, "stopped while the frame set was being written", ""};
     }
     changed_.wait_for(lock, kWaitPollInterval);
   }
+}
+
+Status FrameSetWriter::Redirect(Ticket ticket, fs::path out) {
+  {
+    const std::lock_guard lock(mutex_);
+    const auto aside = std::find_if(jobs_.begin(), jobs_.end(), [&](const Job& job) {
+      return job.ticket == ticket && job.trouble && !job.trouble->tried_again;
+    });
+    if (aside == jobs_.end()) {
+      return Error{ErrorCode::kNotFound, "no such set is set aside", out.string()};
+    }
+    aside->order.out = std::move(out);
+    aside->trouble.reset();
+  }
+  changed_.notify_all();
+  return {};
 }
 
 void FrameSetWriter::Abandon(Ticket ticket) {
@@ -189,8 +220,8 @@ void FrameSetWriter::Abandon(Ticket ticket) {
     const auto found = std::find_if(jobs_.begin(), jobs_.end(),
                                     [&](const Job& job) { return job.ticket == ticket; });
     if (found == jobs_.end()) return;
-    if (found == jobs_.begin()) {
-      abandon_first_ = true;
+    if (ticket == writing_) {
+      abandon_writing_ = true;
     } else {
       done_.emplace(ticket, Error{ErrorCode::kFailed, "was given up", found->order.out.string()});
       jobs_.erase(found);
@@ -206,28 +237,39 @@ size_t FrameSetWriter::pending() const {
 
 std::optional<FrameSetWriter::Trouble> FrameSetWriter::trouble() const {
   const std::lock_guard lock(mutex_);
-  return trouble_;
+  const auto found = std::find_if(jobs_.begin(), jobs_.end(),
+                                  [](const Job& job) { return job.trouble.has_value(); });
+  return found == jobs_.end() ? std::nullopt : found->trouble;
+}
+
+std::list<FrameSetWriter::Job>::iterator FrameSetWriter::NextJob() {
+  return std::find_if(jobs_.begin(), jobs_.end(),
+                      [](const Job& job) { return !job.trouble || job.trouble->tried_again; });
 }
 
 void FrameSetWriter::Run() {
   std::unique_lock lock(mutex_);
   while (true) {
-    changed_.wait(lock, [&] { return quit_ || !jobs_.empty(); });
-    if (jobs_.empty()) return;
-    Job& job = jobs_.front();  // stays there: nobody else takes the first
+    changed_.wait(lock, [&] { return quit_ || NextJob() != jobs_.end(); });
+    const auto job = NextJob();
+    if (job == jobs_.end()) return;
+    writing_ = job->ticket;
     lock.unlock();
-    Result<WrittenSet> written = Write(job);
+    Result<WrittenSet> written = Write(*job);
+    const bool may_pass = !written && MayPass(written.error(), job->order.out);
     lock.lock();
     if (!written) {
-      trouble_ = Trouble{job.order.out, written.error()};
+      job->trouble = Trouble{job->order.out, written.error(), may_pass};
       changed_.notify_all();
-      changed_.wait_for(lock, kRetryInterval, [&] { return quit_ || abandon_first_; });
-      if (!quit_ && !abandon_first_) continue;
+      if (may_pass) {
+        changed_.wait_for(lock, kRetryInterval, [&] { return quit_ || abandon_writing_; });
+      }
     }
-    trouble_.reset();
-    abandon_first_ = false;
-    done_.emplace(job.ticket, std::move(written));
-    jobs_.pop_front();
+    writing_ = 0;
+    const bool abandoned = std::exchange(abandon_writing_, false);
+    if (!written && !abandoned && !quit_) continue;
+    done_.emplace(job->ticket, std::move(written));
+    jobs_.erase(job);
     changed_.notify_all();
   }
 }

@@ -50,14 +50,17 @@ struct WrittenSet {
 
 /// Turns shots into durable frame sets, one after the other, off the path that receives frames: on
 /// `threads` threads of low priority, while the next pulse is taken. A frame's memory is given back
-/// as soon as its set is durable. When the disk refuses (full, gone) nothing is lost: what is in
-/// memory stays, and writing is tried again until there is space, or Abandon().
+/// as soon as its set is durable. When the disk refuses nothing is lost: what is in memory stays.
+/// What may pass by itself (disk full, device slow) is tried again until it works, or Abandon(),
+/// and later sets wait. What will not (no such folder, no permission, read-only) is told at once:
+/// the set is set aside until Redirect() or Abandon(), and later sets go on.
 class FrameSetWriter {
  public:
   using Ticket = uint64_t;
   struct Trouble {
     std::filesystem::path out;
     Error error;
+    bool tried_again = true;  // false: set aside
   };
 
   explicit FrameSetWriter(int threads);
@@ -69,29 +72,34 @@ class FrameSetWriter {
   /// Takes the shot over and returns at once.
   Ticket Submit(FrameSetOrder order, Shot shot);
   /// Waits until the set is durable; kCancelled when `stop` was set before (it is still being
-  /// written then), else the error for which it was given up. Once a ticket.
+  /// written then), else the error for which it was set aside (it stays in memory and may be waited
+  /// for again) or given up.
   Result<WrittenSet> Wait(Ticket ticket, std::stop_token stop = {});
+  /// Writes a set that was set aside to another place, or to the same once that is mended.
+  /// kNotFound: none is set aside under this ticket.
+  Status Redirect(Ticket ticket, std::filesystem::path out);
   /// Gives up a set that cannot be written; its frames are lost. It stays when it is already being
   /// written and that succeeds.
   void Abandon(Ticket ticket);
 
   size_t pending() const;
-  /// Why the oldest set cannot be written; unset while all is well.
+  /// Why the oldest set in trouble cannot be written; unset while all is well.
   std::optional<Trouble> trouble() const;
 
  private:
   struct Job;
   void Run();
+  std::list<Job>::iterator NextJob();
   Result<WrittenSet> Write(const Job& job);
 
   ThreadPool threads_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  std::list<Job> jobs_;  // the first stays in its place while others are given up
+  std::list<Job> jobs_;  // the one being written stays in its place while others are given up
   std::map<Ticket, Result<WrittenSet>> done_;
-  std::optional<Trouble> trouble_;
   Ticket last_ticket_ = 0;
-  bool abandon_first_ = false;
+  Ticket writing_ = 0;  // 0: none
+  bool abandon_writing_ = false;
   bool quit_ = false;
   std::thread thread_;
 };

@@ -32,8 +32,12 @@ const char* VerdictName(Verdict verdict) {
       return "wrong camera";
     case Verdict::kControlLost:
       return "control lost";
+    case Verdict::kCameraError:
+      return "camera error";
     case Verdict::kNotArmed:
       return "not armed";
+    case Verdict::kArmedLate:
+      return "armed late";
     case Verdict::kMissing:
       return "missing";
     case Verdict::kIncomplete:
@@ -44,6 +48,8 @@ const char* VerdictName(Verdict verdict) {
       return "wrong picture";
     case Verdict::kWrongId:
       return "wrong id";
+    case Verdict::kNoClock:
+      return "no clock";
     case Verdict::kSkewed:
       return "skewed";
     case Verdict::kSecondFrame:

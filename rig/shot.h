@@ -16,12 +16,15 @@ enum class Verdict {
   kDisconnected,  // it does not answer: power, cable, network
   kWrongCamera,   // another serial number than configured
   kControlLost,   // it restarted, or another program has taken it
+  kCameraError,   // it answers and is ours, but refuses what it is told
   kNotArmed,      // it did not get ready for the trigger, and no frame came
+  kArmedLate,     // it was ready only after the pulse, and no frame came
   kMissing,       // it answers and was armed, but nothing came: trigger cable
   kIncomplete,    // packets of its frame were lost
   kLate,          // its frame came after the deadline
   kWrongPicture,  // of another size or format than it was set to
   kWrongId,       // not the frame of this pulse by its number
+  kNoClock,       // its clock does not follow the PTP master: when it exposed is not known
   kSkewed,        // exposed at another moment than the others
   kSecondFrame,   // it saw more than one pulse
 };

@@ -1,3 +1,6 @@
+#include <unistd.h>
+
+#include <charconv>
 #include <chrono>
 #include <cstdio>
 #include <ctime>
@@ -17,6 +20,7 @@
 #include "rig/frame_set_writer.h"
 #include "rig/gpiod_trigger_line.h"
 #include "rig/sim/socket_trigger.h"
+#include "sfm/core/file_io.h"
 
 namespace rotunda::cli {
 namespace {
@@ -48,11 +52,26 @@ std::string NowText(const char* format) {
   return text;
 }
 
+/// The number N of a camera's input "LineN".
+Result<int> LineOf(const std::string& camera_input) {
+  constexpr std::string_view kLine = "Line";
+  int line = 0;
+  if (camera_input.starts_with(kLine)) {
+    const char* end = camera_input.data() + camera_input.size();
+    const auto [stopped, error] = std::from_chars(camera_input.data() + kLine.size(), end, line);
+    if (error == std::errc() && stopped == end && line >= 0) return line;
+  }
+  return Error{ErrorCode::kBadInput,
+               "is \"" + camera_input + "\", expected Line0 or Line1, which simulated cameras have",
+               "trigger.camera_input"};
+}
+
 Result<std::unique_ptr<rig::TriggerLine>> OpenTrigger(const CaptureArguments& arguments,
                                                       const rig::CaptureOptions& options) {
   if (!arguments.simulated) return rig::OpenGpiodTriggerLine(options.trigger.gpio);
+  ROTUNDA_ASSIGN_OR_RETURN(const int line, LineOf(options.trigger.camera_input));
   return std::unique_ptr<rig::TriggerLine>(
-      std::make_unique<sim::SocketTrigger>(*arguments.simulated));
+      std::make_unique<sim::SocketTrigger>(*arguments.simulated, line));
 }
 
 /// Waits for the cameras, telling how many there are.
@@ -76,7 +95,7 @@ Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWr
   bool told = false;
   std::jthread watch([&](std::stop_token done) {
     while (!done.stop_requested()) {
-      if (const auto trouble = writer.trouble(); trouble && !told) {
+      if (const auto trouble = writer.trouble(); trouble && trouble->tried_again && !told) {
         told = true;
         std::fprintf(stderr,
                      "rotunda: %s; the frames stay in memory and writing is tried again "
@@ -89,6 +108,26 @@ Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWr
   Result<rig::WrittenSet> written = writer.Wait(ticket, common.stop);
   if (!written && written.error().code == ErrorCode::kCancelled) writer.Abandon(ticket);
   return written;
+}
+
+/// A set that cannot be where it was ordered goes to the system's temporary folder: who was
+/// photographed may have left. The error says where it is, or that it is lost.
+Error Rescue(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket, const Error& why,
+             const CommonOptions& common) {
+  std::error_code ignored;
+  const fs::path place =
+      fs::temp_directory_path(ignored) /
+      ("rotunda-" + NowText("%Y%m%dT%H%M%SZ") + "-" + std::to_string(::getpid()));
+  std::fprintf(stderr, "rotunda: %s; the frames are in memory and will be written to %s\n",
+               why.ToString().c_str(), place.c_str());
+  if (!writer.Redirect(ticket, place)) return why;
+  const Result<rig::WrittenSet> written = WaitForDisk(writer, ticket, common);
+  if (written) {
+    return {why.code, why.message + "; the set is in " + place.string() + " instead: move it",
+            why.context};
+  }
+  return {why.code, why.message + "; nor could it be written to " + written.error().ToString(),
+          why.context};
 }
 
 Json CameraJson(const rig::CameraShot& camera, const rig::WrittenSet& written) {
@@ -153,11 +192,7 @@ void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json)
 }
 
 Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions& common) {
-  std::error_code ignored;
-  if (fs::exists(arguments.out, ignored) && !fs::is_empty(arguments.out, ignored)) {
-    return Error{ErrorCode::kAlreadyExists, "the folder exists and is not empty",
-                 arguments.out.string()};
-  }
+  ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, 0));
   ROTUNDA_ASSIGN_OR_RETURN(const rig::CaptureOptions options,
                            config::ReadCaptureOptions(arguments.rig));
   ROTUNDA_ASSIGN_OR_RETURN(std::unique_ptr<rig::TriggerLine> trigger,
@@ -166,6 +201,7 @@ Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions
       const std::unique_ptr<rig::CaptureSession> session,
       rig::CaptureSession::Open(options, {rig::OpenAravisCamera, std::move(trigger)}));
   WaitForCameras(*session, common);
+  ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, session->ShotLimit_bytes()));
   ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(common.stop));
   rig::Shot facts = FactsOf(shot);
   rig::FrameSetWriter writer(common.threads);
@@ -176,11 +212,18 @@ Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions
   order.subject = arguments.subject;
   order.trigger_source = arguments.simulated ? "simulated" : "gpio";
   order.calibration = arguments.calibration;
-  ROTUNDA_ASSIGN_OR_RETURN(
-      const rig::WrittenSet written,
-      WaitForDisk(writer, writer.Submit(std::move(order), std::move(shot)), common));
-  PrintShot(facts, written, common.json);
+  const auto ticket = writer.Submit(std::move(order), std::move(shot));
+  const Result<rig::WrittenSet> written = WaitForDisk(writer, ticket, common);
+  if (!written && written.error().code == ErrorCode::kCancelled) return written.error();
+  if (!written) return Rescue(writer, ticket, written.error(), common);
+  PrintShot(facts, *written, common.json);
   return facts;
+}
+
+std::optional<double> FrameAge_s(const rig::CameraState& state) {
+  if (!state.last_frame_at) return std::nullopt;
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - *state.last_frame_at)
+      .count();
 }
 
 Json StateJson(const rig::CameraState& state) {
@@ -205,22 +248,29 @@ Json StateJson(const rig::CameraState& state) {
   if (state.health.temperature_deg_c) row["temperature_deg_c"] = *state.health.temperature_deg_c;
   if (state.health.ptp_offset_ns) row["ptp_offset_ns"] = *state.health.ptp_offset_ns;
   if (state.last_frame_id) row["last_frame_id"] = *state.last_frame_id;
+  if (const auto age_s = FrameAge_s(state)) row["last_frame_age_s"] = *age_s;
   return row;
 }
 
 void PrintStates(const std::vector<rig::CameraState>& states,
                  const std::vector<rig::CameraIdentity>& unused) {
-  std::printf("%-8s %-8s %-15s %-12s %-14s %-10s %7s %6s %7s\n", "camera", "is", "address",
-              "serial", "model", "firmware", "temp", "packet", "resent");
+  std::printf("%-8s %-8s %-7s %-15s %-12s %-14s %-10s %7s %6s %7s %s\n", "camera", "is", "control",
+              "address", "serial", "model", "firmware", "temp", "packet", "resent", "last frame");
   for (const rig::CameraState& state : states) {
     const auto temperature = state.health.temperature_deg_c;
     char degrees[16] = "-";
     if (temperature) std::snprintf(degrees, sizeof(degrees), "%.1f C", *temperature);
-    std::printf("%-8s %-8s %-15s %-12s %-14s %-10s %7s %6d %7llu\n", state.camera.c_str(),
-                rig::ConditionName(state.condition), state.identity.address.c_str(),
-                state.identity.serial.c_str(), state.identity.model.c_str(),
-                state.identity.firmware.c_str(), degrees, state.settings.packet_size_bytes,
-                static_cast<unsigned long long>(state.counters.resent_packets));
+    char last_frame[48] = "-";
+    if (const auto age_s = FrameAge_s(state)) {
+      std::snprintf(last_frame, sizeof(last_frame), "%llu, %.1f s ago",
+                    static_cast<unsigned long long>(*state.last_frame_id), *age_s);
+    }
+    std::printf("%-8s %-8s %-7s %-15s %-12s %-14s %-10s %7s %6d %7llu %s\n", state.camera.c_str(),
+                rig::ConditionName(state.condition), state.health.control_held ? "held" : "-",
+                state.identity.address.c_str(), state.identity.serial.c_str(),
+                state.identity.model.c_str(), state.identity.firmware.c_str(), degrees,
+                state.settings.packet_size_bytes,
+                static_cast<unsigned long long>(state.counters.resent_packets), last_frame);
     if (!state.problem.empty()) std::printf("         %s\n", state.problem.c_str());
   }
   for (const rig::CameraIdentity& camera : unused) {

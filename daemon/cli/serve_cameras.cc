@@ -68,6 +68,14 @@ void WaitForStop(const std::stop_token& stop) {
   ended.wait(lock, stop, [] { return false; });
 }
 
+std::vector<std::string> FormatNames() {
+  std::vector<std::string> names;
+  for (const sim::PixelFormat format : sim::PixelFormats()) {
+    names.emplace_back(sim::PixelFormatName(format));
+  }
+  return names;
+}
+
 std::string FaultHelp() {
   std::string text =
       "Send one command to cameras that are served:\n"
@@ -130,7 +138,7 @@ void AddServeOptions(CLI::App* command, ServeArguments& arguments) {
       ->add_option("--pixel-format", arguments.format,
                    "What the cameras send unless they are told; default: the frame set's, or "
                    "BayerRG8 when rendered")
-      ->check(CLI::IsMember({"Mono8", "BayerRG8", "RGB8"}))
+      ->check(CLI::IsMember(FormatNames()))
       ->group(group);
   command
       ->add_flag("--hold", arguments.hold,

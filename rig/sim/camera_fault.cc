@@ -9,6 +9,9 @@ namespace {
 
 constexpr double kMaxDelay_ms = 60000;
 constexpr int kMaxFrames = 1'000'000;
+constexpr int64_t kMaxWidth_us = 60'000'000;
+// A century after the clock's begin: far below where nanoseconds and all delays overflow.
+constexpr int64_t kMaxEdge_ns = 100LL * 365 * 86400 * 1'000'000'000;
 
 struct Limits {
   double low;
@@ -46,6 +49,11 @@ Result<Number> ParseNumber(const std::string& word, const std::string& what) {
   return number;
 }
 
+Status CheckRange(const std::string& what, int64_t value, int64_t most) {
+  if (value >= 0 && value <= most) return {};
+  return Refused(what + " is " + std::to_string(value) + ", expected 0 to " + std::to_string(most));
+}
+
 std::vector<std::string> Words(std::string_view text) {
   std::istringstream stream{std::string(text)};
   std::vector<std::string> words;
@@ -60,10 +68,13 @@ Result<ServerCommand> ParsePulse(const std::vector<std::string>& words) {
     ROTUNDA_ASSIGN_OR_RETURN(command.line, ParseNumber<int>(words[1], "line"));
   }
   if (words.size() > 2) {
-    ROTUNDA_ASSIGN_OR_RETURN(command.edge_ns, ParseNumber<int64_t>(words[2], "edge"));
+    ROTUNDA_ASSIGN_OR_RETURN(const int64_t edge_ns, ParseNumber<int64_t>(words[2], "edge"));
+    ROTUNDA_RETURN_IF_ERROR(CheckRange("edge", edge_ns, kMaxEdge_ns));
+    command.edge_ns = edge_ns;
   }
   if (words.size() > 3) {
     ROTUNDA_ASSIGN_OR_RETURN(command.width_us, ParseNumber<int64_t>(words[3], "width"));
+    ROTUNDA_RETURN_IF_ERROR(CheckRange("width", command.width_us, kMaxWidth_us));
   }
   return command;
 }
@@ -113,6 +124,7 @@ const std::vector<FaultText>& FaultTexts() {
        "network and power go when this part of the next frame is sent"},
       {FaultKind::kStealControl, "steal", "0 or 1",
        "another client has control (1: and the camera does not tell who asks)"},
+      {FaultKind::kNoPtp, "no-ptp", "", "the PTP master is not heard any more"},
       {FaultKind::kReboot, "reboot", "ms", "restarts, which takes so long"},
   };
   return texts;

@@ -27,6 +27,7 @@ enum class FaultKind {
   kUnplugInFrame,   // part 0..1 of the next frame's packets that is sent before it is unplugged
   kStealControl,    // another client has exclusive control (1: and the camera does not tell who
                     // asks whether it has control); cleared: it is free
+  kNoPtp,           // (no value) the PTP master is not heard any more
   kReboot,          // ms the camera takes to boot; all settings and the control are lost; once
 };
 

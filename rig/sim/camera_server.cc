@@ -19,6 +19,7 @@
 #include <system_error>
 #include <thread>
 
+#include "rig/bandwidth.h"
 #include "rig/sim/gige_camera.h"
 #include "rig/sim/gige_genicam.h"
 #include "rig/sim/gige_network.h"
@@ -33,8 +34,6 @@ constexpr size_t kMaxCameras = 254;
 constexpr size_t kMaxName = 15;  // the registers have 16 bytes, the last one is 0
 constexpr int kMinSide_px = 8;
 constexpr int kMaxSide_px = 16384;
-constexpr int kMinMtu_bytes = 576;  // what every IPv4 host takes
-constexpr int kMaxMtu_bytes = 16384;
 constexpr size_t kMaxDatagram_bytes = 2048;
 constexpr int kMaxDatagramsPerWake = 64;
 constexpr int kAnswer_ms = 2000;
@@ -177,8 +176,10 @@ Status CameraServerOptions::Validate() const {
   for (const SimulatedCamera& camera : cameras) {
     ROTUNDA_RETURN_IF_ERROR(ValidateCamera(camera, names));
   }
-  if (path_mtu_bytes < kMinMtu_bytes || path_mtu_bytes > kMaxMtu_bytes) {
-    return Refused("path MTU", std::to_string(path_mtu_bytes), "576 to 16384 bytes");
+  if (path_mtu_bytes < rig::kMinPacketSize_bytes || path_mtu_bytes > rig::kMaxPacketSize_bytes) {
+    return Refused("path MTU", std::to_string(path_mtu_bytes),
+                   std::to_string(rig::kMinPacketSize_bytes) + " to " +
+                       std::to_string(rig::kMaxPacketSize_bytes) + " bytes");
   }
   if (!(link_bits_per_s >= 1e6)) {
     return Refused("link speed", std::to_string(link_bits_per_s), "at least 1e6 bits/s");

@@ -23,6 +23,8 @@ struct SimulatedCamera {
   double exposure_delay_us = 0;   // from the edge to the begin of the exposure
   double exposure_jitter_us = 0;  // standard deviation of it
   int64_t clock_offset_ns = 0;    // of the camera's clock from the rig's while PTP is off
+  // Longer gaps between packets are taken, and cut to this, as some cameras do.
+  uint32_t max_packet_delay_ns = 100'000'000;
 };
 
 /// `count` cameras named c001, c002, ... with serial numbers SIM00001, ..., or with what

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "rig/bandwidth.h"
 #include "rig/sim/noise.h"
 #include "sfm/core/run_context.h"
 
@@ -133,7 +134,10 @@ void GigeCamera::Refresh(int64_t now_ns) {
     const int64_t since_ns = now_ns - *ptp_since_ns_;
     Random random(DeriveSeed(DeriveSeed(settings_.seed, kPtpSeed), settings_.address));
     const double residual_ns = random.Uniform(-kPtpResidual_ns, kPtpResidual_ns);
-    if (since_ns >= kPtpUncalibrated_ns) {
+    if (Active(FaultKind::kNoPtp)) {
+      status = value::kPtpListening;
+      offset_ns = std::llround(residual_ns);  // as it was when the master was last heard
+    } else if (since_ns >= kPtpUncalibrated_ns) {
       status = value::kPtpSlave;
       offset_ns = std::llround(residual_ns);
     } else {
@@ -279,6 +283,10 @@ GvcpStatus GigeCamera::WriteFeature(const Feature& feature, const GvcpRequest::W
       ok = code >= feature.min && code <= feature.max;
   }
   if (!ok) return GvcpStatus::kInvalidParameter;
+  if (feature.address == reg::kStreamPacketDelay && code > settings_.camera.max_packet_delay_ns) {
+    registers_.Set(reg::kStreamPacketDelay, settings_.camera.max_packet_delay_ns);
+    return GvcpStatus::kSuccess;
+  }
   const Bytes before = registers_.Read(feature.address, write.data.size());
   registers_.SetBytes(feature.address, write.data);
   if (FitsSensor()) return GvcpStatus::kSuccess;
@@ -424,8 +432,8 @@ FrameOrder GigeCamera::MakeOrder(int64_t edge_ns, int shot) {
   frame.packet_size_bytes = registers_.Get(reg::kStreamPacketSize);
   order.to = {registers_.Get(reg::kStreamAddress),
               static_cast<uint16_t>(registers_.Get(reg::kStreamPort))};
-  // Preamble, Ethernet header, checksum and gap take 38 bytes more of the link.
-  const double packet_ns = (frame.packet_size_bytes + 38) * 8 / settings_.link_bits_per_s * 1e9;
+  const double packet_ns = (frame.packet_size_bytes + rig::kEthernetOverhead_bytes) * 8 /
+                           settings_.link_bits_per_s * 1e9;
   order.packet_interval_ns = std::llround(packet_ns) + registers_.Get(reg::kStreamPacketDelay);
   order.drop_data = frame.packet_size_bytes > static_cast<uint32_t>(settings_.path_mtu_bytes);
   ApplyFaults(order);

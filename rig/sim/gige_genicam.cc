@@ -4,6 +4,7 @@
 #include <map>
 #include <sstream>
 
+#include "rig/bandwidth.h"
 #include "rig/sim/gige_registers.h"
 #include "rig/sim/served_image.h"
 
@@ -23,8 +24,6 @@ constexpr double kMaxRate_hz = 60;
 constexpr double kMinRate_hz = 0.1;
 constexpr double kMinHeartbeat_ms = 500;
 constexpr double kMaxHeartbeat_ms = 60000;
-constexpr double kMinPacket_bytes = 576;
-constexpr double kMaxPacket_bytes = 16384;
 constexpr double kMaxPacketDelay_ticks = 1e8;
 
 Feature Text(const char* category, const char* name, uint32_t address, uint32_t bytes) {
@@ -128,8 +127,7 @@ void AddImageFormat(std::vector<Feature>& all) {
   all.push_back(Locked(Integer(c, "OffsetX", reg::kOffsetX, 0, kMaxSide_px)));
   all.push_back(Locked(Integer(c, "OffsetY", reg::kOffsetY, 0, kMaxSide_px)));
   std::vector<std::pair<const char*, uint32_t>> formats;
-  for (const PixelFormat format :
-       {PixelFormat::kMono8, PixelFormat::kBayerRG8, PixelFormat::kRgb8}) {
+  for (const PixelFormat format : PixelFormats()) {
     formats.emplace_back(PixelFormatName(format), static_cast<uint32_t>(format));
   }
   all.push_back(Locked(Enumeration(c, "PixelFormat", reg::kPixelFormat, formats)));
@@ -181,8 +179,8 @@ void AddTransport(std::vector<Feature>& all) {
   all.push_back(ReadInteger64(c, "TimestampLatchValue", reg::kTimestampLatched));
   all.push_back(Integer(c, "GevSCPHostPort", reg::kStreamPort, 0, 65535));
   all.push_back(Integer(c, "GevSCDA", reg::kStreamAddress, 0, 4294967295.0));
-  all.push_back(Locked(
-      Integer(c, "GevSCPSPacketSize", reg::kStreamPacketSize, kMinPacket_bytes, kMaxPacket_bytes)));
+  all.push_back(Locked(Integer(c, "GevSCPSPacketSize", reg::kStreamPacketSize,
+                               rig::kMinPacketSize_bytes, rig::kMaxPacketSize_bytes)));
   all.push_back(Integer(c, "GevSCPD", reg::kStreamPacketDelay, 0, kMaxPacketDelay_ticks));
   all.push_back(Boolean(c, "PtpEnable", reg::kPtpEnable, Access::kReadWrite, 1));
   all.push_back(ReadOnly(Enumeration(c, "PtpStatus", reg::kPtpStatus,

@@ -100,7 +100,17 @@ void GigeSender::Run(const std::stop_token& stop) {
     AnswerResends();
     const int64_t now_ns = settings_.now_ns();
     int64_t next_ns = INT64_MAX;
+    std::vector<const Transmission*> sending(cameras_.size());
     for (const auto& transmission : active) {
+      if (transmission->is_cut || transmission->next == transmission->packets) continue;
+      // A camera sends one frame after the other.
+      const Transmission*& first = sending[static_cast<size_t>(transmission->order.camera)];
+      if (first != nullptr) {
+        transmission->due_ns = std::max(transmission->due_ns, first->due_ns);
+        next_ns = std::min(next_ns, transmission->due_ns);
+        continue;
+      }
+      first = transmission.get();
       if (transmission->due_ns <= now_ns && !transmission->is_cut) {
         SendBurst(*transmission, now_ns);
         AnswerResends();  // a client asks only so often

@@ -12,12 +12,20 @@ struct FormatName {
   PixelFormat format;
   const char* name;
 };
-constexpr std::array<FormatName, 3> kFormats = {{{PixelFormat::kMono8, "Mono8"},
+constexpr std::array<FormatName, 6> kFormats = {{{PixelFormat::kMono8, "Mono8"},
+                                                 {PixelFormat::kBayerGR8, "BayerGR8"},
                                                  {PixelFormat::kBayerRG8, "BayerRG8"},
+                                                 {PixelFormat::kBayerGB8, "BayerGB8"},
+                                                 {PixelFormat::kBayerBG8, "BayerBG8"},
                                                  {PixelFormat::kRgb8, "RGB8"}}};
 
-/// The channel (0 red, 1 green, 2 blue) that a Bayer sensor of order RGGB has at a pixel.
-int BayerChannel(int x, int y) { return (x & 1) + (y & 1); }
+/// The channel (0 red, 1 green, 2 blue) that a sensor of a Bayer format has at a pixel. The format
+/// is named after its first two pixels; red and blue stand on the other diagonal than the greens.
+int BayerChannel(PixelFormat format, int x, int y) {
+  const bool red_right = format == PixelFormat::kBayerGR8 || format == PixelFormat::kBayerBG8;
+  const bool red_below = format == PixelFormat::kBayerGB8 || format == PixelFormat::kBayerBG8;
+  return ((x ^ int{red_right}) & 1) + ((y ^ int{red_below}) & 1);
+}
 
 /// ITU-R BT.601 in units of 1/256.
 uint8_t Luma(const uint8_t* rgb) {
@@ -45,7 +53,13 @@ Result<ServedImage> DecodePicture(const std::filesystem::path& file, const std::
                  file.string()};
   }
   const bool is_colour = decoded.channels() == 3;
-  const PixelFormat named = PixelFormatOfName(format).value_or(PixelFormat::kMono8);
+  // A plain folder's pictures have none.
+  const auto known = format.empty() ? PixelFormat::kMono8 : PixelFormatOfName(format);
+  if (!is_colour && !known) {
+    return Error{ErrorCode::kBadInput, "is \"" + format + "\", which simulated cameras do not have",
+                 file.string()};
+  }
+  const PixelFormat named = known.value_or(PixelFormat::kMono8);
   ServedImage image = BlankImage(
       decoded.cols, decoded.rows,
       is_colour ? PixelFormat::kRgb8 : (named == PixelFormat::kRgb8 ? PixelFormat::kMono8 : named));
@@ -102,6 +116,15 @@ Result<Shot> DecodeShot(const FrameSet& set, const std::vector<std::string>& cam
 
 }  // namespace
 
+std::span<const PixelFormat> PixelFormats() {
+  static constexpr auto formats = [] {
+    std::array<PixelFormat, kFormats.size()> all{};
+    for (size_t i = 0; i < all.size(); ++i) all[i] = kFormats[i].format;
+    return all;
+  }();
+  return formats;
+}
+
 const char* PixelFormatName(PixelFormat format) {
   return std::find_if(kFormats.begin(), kFormats.end(),
                       [&](const FormatName& known) { return known.format == format; })
@@ -146,7 +169,7 @@ ServedImage ConvertImage(const ServedImage& image, PixelFormat format) {
       } else {
         const uint8_t* rgb = &image.bytes[3 * pixel];
         converted.bytes[pixel] =
-            format == PixelFormat::kBayerRG8 ? rgb[BayerChannel(x, y)] : Luma(rgb);
+            format == PixelFormat::kMono8 ? Luma(rgb) : rgb[BayerChannel(format, x, y)];
       }
     }
   }

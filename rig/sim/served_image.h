@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -18,9 +19,13 @@ namespace rotunda::sim {
 /// What a simulated camera can send, with the codes of GenICam's Pixel Format Naming Convention.
 enum class PixelFormat : uint32_t {
   kMono8 = 0x01080001,
+  kBayerGR8 = 0x01080008,
   kBayerRG8 = 0x01080009,
+  kBayerGB8 = 0x0108000A,
+  kBayerBG8 = 0x0108000B,
   kRgb8 = 0x02180014,
 };
+std::span<const PixelFormat> PixelFormats();
 const char* PixelFormatName(PixelFormat format);
 std::optional<PixelFormat> PixelFormatOfName(std::string_view name);
 std::optional<PixelFormat> PixelFormatOfCode(uint32_t code);
@@ -82,7 +87,7 @@ struct ServedShots {
 
 /// Reads and decodes the frames in `format` (default: that of the first frame), so that serving
 /// them costs no decoding. kBadInput: a camera that is not in all of them, a picture that is
-/// neither 8-bit grey nor colour.
+/// neither 8-bit grey nor colour, a picture's format that cameras do not have.
 Result<ServedShots> LoadShots(const std::vector<std::filesystem::path>& folders,
                               std::optional<PixelFormat> format, RunContext& context);
 

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -191,6 +192,36 @@ Result<OutputFolder> OutputFolder::Begin(const fs::path& target) {
                              return ::mkdir(path.c_str(), 0777) == 0 ? 0 : errno;
                            }));
   return OutputFolder(place, std::move(temporary));
+}
+
+Status CheckOutputPlace(const fs::path& target, uint64_t bytes) {
+  std::error_code error;
+  fs::path place = fs::absolute(target, error).lexically_normal();
+  if (!place.has_filename()) place = place.parent_path();
+  const fs::path parent = ParentOf(place);
+  if (!fs::is_directory(parent, error)) {
+    return Error{ErrorCode::kNotFound,
+                 parent.string() + (fs::exists(parent, error) ? " is not a folder"
+                                                              : " does not exist: make it first"),
+                 target.string()};
+  }
+  if (::faccessat(AT_FDCWD, parent.c_str(), W_OK | X_OK, AT_EACCESS) != 0) {
+    return Error{
+        ErrorCode::kInvalidArgument,
+        "cannot write in " + parent.string() + ": " + std::generic_category().message(errno),
+        target.string()};
+  }
+  // Only making a folder there tells all reasons that there may be.
+  const Result<OutputFolder> probe = OutputFolder::Begin(place);
+  if (!probe) return probe.error();
+  struct statvfs room {};
+  if (::statvfs(parent.c_str(), &room) != 0) return WriteError("cannot look at", errno, parent);
+  const uint64_t free_bytes = uint64_t{room.f_bavail} * room.f_frsize;
+  if (free_bytes >= bytes) return {};
+  return Error{ErrorCode::kIo,
+               "has room for " + std::to_string(free_bytes >> 20) + " MiB, expected " +
+                   std::to_string(bytes >> 20) + " MiB",
+               parent.string()};
 }
 
 Status OutputFolder::Commit() {

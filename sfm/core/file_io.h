@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -17,6 +18,12 @@ Status WriteNewFile(const std::filesystem::path& file, std::string_view bytes);
 
 /// Writes beside `file`, fsyncs and renames over it: a reader sees the old text or the new one.
 Status WriteFileAtomically(const std::filesystem::path& file, std::string_view bytes);
+
+/// Whether `target` can become a folder with `bytes` in it, now and by this user. What will not
+/// pass by itself: kNotFound when the folder it is to stand in is not there, kInvalidArgument when
+/// that may not be written, kAlreadyExists as OutputFolder::Begin. kIo: too little room, or any
+/// other refusal.
+Status CheckOutputPlace(const std::filesystem::path& target, uint64_t bytes);
 
 /// A folder that appears whole or not at all. Begin() makes a hidden temporary folder beside
 /// `target`; Commit() fsyncs every file below and renames it into place; the destructor removes it

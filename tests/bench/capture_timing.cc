@@ -157,7 +157,11 @@ void Add(const Cost& more, Cost& sum) {
   sum.frames += more.frames;
 }
 
-void CompareReceiving(const TimingOptions& options, const std::vector<rig::CameraPlace>& places,
+// Receiving may take so many times the CPU of Aravis alone.
+constexpr double kReceivingLimit = 1.2;
+
+/// True when every frame came and receiving is within its limit.
+bool CompareReceiving(const TimingOptions& options, const std::vector<rig::CameraPlace>& places,
                       const std::string& socket) {
   sim::SocketTrigger trigger(socket);
   Cost bare, ours;
@@ -174,6 +178,11 @@ void CompareReceiving(const TimingOptions& options, const std::vector<rig::Camer
       "%.2fx; arming and clocks %.3f s: all together %.2fx\n",
       bare.cpu_s / pulses, bare.frames, ours.frames, receiving_s / pulses, receiving_s / bare.cpu_s,
       ours.control_s / pulses, ours.cpu_s / bare.cpu_s);
+  const int all = pulses * static_cast<int>(places.size());
+  if (ours.frames != all) std::printf("BROKEN: %d frames of %d\n", ours.frames, all);
+  const bool cheap = receiving_s <= kReceivingLimit * bare.cpu_s;
+  if (!cheap) std::printf("BROKEN: receiving takes more than %.1fx\n", kReceivingLimit);
+  return ours.frames == all && cheap;
 }
 
 /// What one core needs for the files of a shot, stage by stage.
@@ -214,7 +223,8 @@ void ProfileFiles(const rig::Shot& shot, const std::filesystem::path& out) {
       level / static_cast<double>(files.size()), static_cast<unsigned long long>(sum));
 }
 
-void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace>& places,
+/// True when every shot was complete.
+bool TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace>& places,
                 const std::string& socket) {
   const test::TemporaryFolder temporary;
   const std::filesystem::path out =
@@ -225,6 +235,7 @@ void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace
   std::printf("opening %zu cameras with a warm-up frame each: %.2f s\n", places.size(),
               SecondsSince(opening));
   rig::FrameSetWriter writer(0);
+  bool complete = true;
   for (int round = 0; round < options.rounds; ++round) {
     const auto begin = Clock::now();
     rig::Shot shot = Must(session->Capture());
@@ -237,7 +248,8 @@ void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace
     std::printf(
         "shot %d: %zu/%zu ok; arm %.3f s; after the pulse: last frame %.3f s, verdict %.3f s",
         round, shot.OkCount(), shot.cameras.size(), arm_s, 1e-3 * last_ms, done_s);
-    if (!shot.complete()) std::printf("\n%s\n", shot.Summary().c_str());
+    if (!shot.complete()) std::printf("\nBROKEN: %s\n", shot.Summary().c_str());
+    complete = complete && shot.complete();
     if (round == 0 && shot.complete()) {
       std::printf("\n");
       ProfileFiles(shot, out / "profile");
@@ -252,13 +264,15 @@ void TimeStages(const TimingOptions& options, const std::vector<rig::CameraPlace
     std::printf(", durable set %.3f s (%.0f MB)\n", SecondsSince(pulled.at),
                 1e-6 * static_cast<double>(written.bytes));
   }
+  return complete;
 }
 
-void Run(const TimingOptions& options) {
+/// True when no limit was broken.
+bool Run(const TimingOptions& options) {
   const test::ServedCameras cameras({ROTUNDA_COMMAND, options.frame_set, options.block});
   const std::vector<rig::CameraPlace> places = PlacesOf(cameras);
-  TimeStages(options, places, cameras.socket());
-  CompareReceiving(options, places, cameras.socket());
+  const bool complete = TimeStages(options, places, cameras.socket());
+  return CompareReceiving(options, places, cameras.socket()) && complete;
 }
 
 }  // namespace
@@ -274,8 +288,7 @@ int main(int argc, char** argv) {
   app.add_option("--block", options.block)->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   try {
-    rotunda::Run(options);
-    return 0;
+    return rotunda::Run(options) ? 0 : 1;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "capture_timing: %s\n", error.what());
     return 1;

@@ -26,5 +26,16 @@ TEST(Bandwidth, SmallPacketsCostMoreOverhead) {
             1.03 * FrameTime_s(1200 * 1600, 9000, load.Share()));
 }
 
+TEST(Bandwidth, FramesMustBeThroughBeforeTheDeadline) {
+  const BandwidthShare share = UplinkLoad{"switch", 90, 1e10, 1e9}.Share();
+  // 157 ms of transfer and 4 ms of exposure.
+  EXPECT_TRUE(CheckInTime({1200 * 1600, 9000, 4000}, share, 165));
+  const Status slow = CheckInTime({1200 * 1600, 9000, 4000}, share, 160);
+  ASSERT_FALSE(slow);
+  EXPECT_NE(slow.error().message.find("frames of 1.92 MB need 161 ms"), std::string::npos)
+      << slow.error().message;
+  EXPECT_FALSE(CheckInTime({1200 * 1600, 1500, 4000}, share, 165)) << "with shorter packets";
+}
+
 }  // namespace
 }  // namespace rotunda::rig

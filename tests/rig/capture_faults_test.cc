@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <functional>
+#include <optional>
 
 #include "rig/frame_set_writer.h"
 #include "sfm/core/file_io.h"
@@ -27,6 +28,8 @@ struct FaultCase {
   const char* reason;  // part of it
   bool keeps_frame;    // the faulty camera's own picture is kept
   std::function<void(CaptureOptions&)> change = nullptr;
+  bool ids_count_on = false;  // else they begin at 1 whenever a camera is armed
+  std::optional<uint64_t> frame_id = std::nullopt;  // of the faulty camera's frame
 };
 
 void PrintTo(const FaultCase& fault, std::ostream* out) { *out << fault.name; }
@@ -102,7 +105,23 @@ const std::vector<FaultCase>& FaultCases() {
        Verdict::kControlLost,
        "control",
        false},
-      {"IdsRestart", "127.31.11", {{FaultKind::kRestartIds, 0, 1}}, Verdict::kOk, "", true},
+      // The warm-up frame has id 1, that of the shot before 2: this one would have 3.
+      {"IdsRestart",
+       "127.31.11",
+       {{FaultKind::kRestartIds, 0, 1}},
+       Verdict::kOk,
+       "",
+       true,
+       nullptr,
+       true,
+       1},
+      {"PtpMasterGone",
+       "127.31.17",
+       {{FaultKind::kNoPtp, 0, 0}},
+       Verdict::kNoClock,
+       "PtpStatus: is Listening, expected Slave",
+       true,
+       [](CaptureOptions& options) { options.settings.ptp = true; }},
       {"Skewed",
        "127.31.12",
        {{FaultKind::kSkew, 2.5, 1}},
@@ -128,14 +147,15 @@ const std::vector<FaultCase>& FaultCases() {
 
 class CaptureFaults : public testing::TestWithParam<FaultCase> {
  protected:
-  CaptureFaults() : rig_(Options(GetParam().block)) {
+  CaptureFaults() : rig_(Options(GetParam())) {
     rig_.capture().retries = 0;
     rig_.capture().settings.packet_size_bytes = 1500;
     if (GetParam().change) GetParam().change(rig_.capture());
   }
-  static test::SimulatedRig::Options Options(const std::string& block) {
+  static test::SimulatedRig::Options Options(const FaultCase& row) {
     test::SimulatedRig::Options options;
-    options.block = block;
+    options.block = row.block;
+    options.restart_frame_ids = !row.ids_count_on;
     options.cameras = kCameras;
     options.like.width_px = 320;
     options.like.height_px = 240;
@@ -171,6 +191,9 @@ TEST_P(CaptureFaults, AreNamedTheOthersAreKeptAndTheNextShotWorks) {
     EXPECT_STREQ(VerdictName(camera.verdict), VerdictName(row.verdict)) << shot->Summary();
     EXPECT_NE(camera.reason.find(row.reason), std::string::npos) << camera.reason;
     EXPECT_EQ(camera.frame.has_value(), row.keeps_frame);
+    if (row.frame_id && camera.frame) {
+      EXPECT_EQ(camera.frame->frame_id, *row.frame_id);
+    }
   }
 
   const test::TemporaryFolder folder;

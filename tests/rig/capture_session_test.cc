@@ -5,9 +5,16 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
+#include <functional>
+#include <future>
+#include <memory>
+#include <optional>
+#include <thread>
+#include <vector>
 
 #include "rig/aravis_camera.h"
 #include "rig/camera_discovery.h"
+#include "rig/sim/socket_trigger.h"
 #include "tests/support/simulated_rig.h"
 
 namespace rotunda::rig {
@@ -42,11 +49,29 @@ int ExactFrames(const SimulatedRig::Options& options, sim::CameraServer& server,
   return exact;
 }
 
+/// Ramps as PatternSource has them, of which neither the cameras nor the test need a copy a frame.
+sim::FrameSource FullSizeSource(int cameras, int shots) {
+  auto images = std::make_shared<std::vector<std::shared_ptr<const sim::ServedImage>>>();
+  const auto pattern = sim::PatternSource(1200, 1600);
+  for (int shot = 0; shot < shots; ++shot) {
+    for (int i = 0; i < cameras; ++i) {
+      images->push_back(pattern({i, shot, sim::PixelFormat::kBayerRG8, 0, 0}));
+    }
+  }
+  return [=](const sim::Exposure& exposure) {
+    return (*images)[static_cast<size_t>(exposure.shot % shots * cameras + exposure.camera)];
+  };
+}
+
 TEST(CaptureSession, NinetyCamerasTwentyPulsesEveryByteAsServed) {
   constexpr int kCameras = 90;
-  const SimulatedRig::Options options = RigOf("127.32.1", kCameras);
+  constexpr int kShots = 2;  // different pictures a camera
+  SimulatedRig::Options options = RigOf("127.32.1", kCameras);
+  options.like = {};  // 1200x1600
+  options.source = FullSizeSource(kCameras, kShots);
   SimulatedRig rig(options);
   rig.capture().retries = 0;
+  rig.capture().timing.deadline_ms = 20000;  // other tests may have the machine
   const auto session = rig.Open();
   ASSERT_TRUE(session) << session.error().ToString();
   ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), size_t{kCameras});
@@ -55,6 +80,8 @@ TEST(CaptureSession, NinetyCamerasTwentyPulsesEveryByteAsServed) {
     const auto shot = (*session)->Capture();
     ASSERT_TRUE(shot) << shot.error().ToString();
     EXPECT_TRUE(shot->complete()) << shot->Summary();
+    ASSERT_EQ(shot->cameras[0].frame->width_px, 1200);
+    ASSERT_EQ(shot->cameras[0].frame->height_px, 1600);
     EXPECT_EQ(ExactFrames(options, rig.server(), *shot, pulse), kCameras) << "pulse " << pulse;
   }
 }
@@ -83,20 +110,24 @@ TEST(CaptureSession, LostPacketsAreSentAgain) {
 }
 
 TEST(CaptureSession, CamerasThatCountOnAreAsGoodAsThoseThatRestart) {
-  SimulatedRig::Options options = RigOf("127.32.3", 4);
-  options.restart_frame_ids = false;
-  SimulatedRig rig(options);
-  rig.capture().retries = 0;
-  const auto session = rig.Open();
-  ASSERT_TRUE(session) << session.error().ToString();
-  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 4u);
-  uint64_t last = 0;
-  for (int pulse = 0; pulse < 3; ++pulse) {
-    const auto shot = (*session)->Capture();
-    ASSERT_TRUE(shot) << shot.error().ToString();
-    EXPECT_TRUE(shot->complete()) << shot->Summary();
-    EXPECT_GT(shot->cameras[0].frame->frame_id, last);
-    last = shot->cameras[0].frame->frame_id;
+  for (const bool restart : {false, true}) {
+    SimulatedRig::Options options = RigOf(restart ? "127.32.12" : "127.32.3", 4);
+    options.restart_frame_ids = restart;
+    SimulatedRig rig(options);
+    rig.capture().retries = 0;
+    const auto session = rig.Open();
+    ASSERT_TRUE(session) << session.error().ToString();
+    ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 4u);
+    for (uint64_t pulse = 0; pulse < 3; ++pulse) {
+      const auto shot = (*session)->Capture();
+      ASSERT_TRUE(shot) << shot.error().ToString();
+      EXPECT_TRUE(shot->complete()) << shot->Summary();
+      // The warm-up frame was the first.
+      for (const CameraShot& camera : shot->cameras) {
+        ASSERT_TRUE(camera.frame) << shot->Summary();
+        EXPECT_EQ(camera.frame->frame_id, restart ? 1 : pulse + 2);
+      }
+    }
   }
 }
 
@@ -114,6 +145,25 @@ TEST(CaptureSession, FiresAgainWhenACameraSleptThroughThePulse) {
   EXPECT_TRUE(shot->complete()) << shot->Summary();
   EXPECT_EQ(shot->pulses, 2);
   EXPECT_NE(shot->first_try.find("c001 missing"), std::string::npos) << shot->first_try;
+}
+
+TEST(CaptureSession, ALateFrameOfTheFirstPulseIsNotTakenForThatOfTheSecond) {
+  const SimulatedRig::Options options = RigOf("127.32.13", 4);
+  SimulatedRig rig(options);
+  rig.capture().retries = 1;
+  rig.capture().timing.deadline_ms = 600;
+  rig.capture().timing.late_ms = 100;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 4u);
+  rig.server().SetShot(0);  // each pulse shows another picture
+  // 700 ms after the first pulse it is given up and fired again: its frame comes after that.
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kLate, 1000, 1}));
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_TRUE(shot->complete()) << shot->Summary();
+  EXPECT_EQ(shot->pulses, 2);
+  EXPECT_EQ(ExactFrames(options, rig.server(), *shot, 1), 4);
 }
 
 TEST(CaptureSession, ClocksThatAreFarApartAreCompared) {
@@ -209,6 +259,166 @@ TEST(CaptureSession, PreviewsOneCamera) {
   const auto shot = (*session)->Capture();
   ASSERT_TRUE(shot);
   EXPECT_TRUE(shot->complete()) << shot->Summary();
+}
+
+TEST(CaptureSession, PreviewsCamerasWhoseIdsCountOn) {
+  SimulatedRig::Options options = RigOf("127.32.14", 2);
+  options.restart_frame_ids = false;
+  SimulatedRig rig(options);
+  rig.capture().retries = 0;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
+  for (uint64_t round = 0; round < 3; ++round) {
+    const auto frame = (*session)->Preview("c001");
+    ASSERT_TRUE(frame) << frame.error().ToString();
+    EXPECT_EQ(frame->frame_id, 2 + 2 * round);
+    EXPECT_EQ((*session)->States()[1].last_frame_id, frame->frame_id);
+    const auto shot = (*session)->Capture();
+    ASSERT_TRUE(shot) << shot.error().ToString();
+    EXPECT_TRUE(shot->complete()) << shot->Summary();
+    EXPECT_EQ(shot->cameras[1].frame->frame_id, 3 + 2 * round);
+    EXPECT_EQ(shot->cameras[0].frame->frame_id, 2 + round);
+  }
+}
+
+TEST(CaptureSession, AShotWaitsForAPreviewToEnd) {
+  SimulatedRig rig(RigOf("127.32.15", 2));
+  rig.capture().retries = 0;
+  rig.capture().timing.arm_ms = 200;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
+  // The preview takes longer than cameras are given to be armed.
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kLate, 1000, 1}));
+  const uint64_t frames = rig.server().counters(1).frames;
+  auto preview = std::async(std::launch::async, [&] { return (*session)->Preview("c001"); });
+  std::this_thread::sleep_for(100ms);
+  EXPECT_EQ(rig.server().counters(1).frames, frames) << "the preview is still on its way";
+  const auto shot = (*session)->Capture();
+  EXPECT_TRUE(preview.get());
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_TRUE(shot->complete()) << shot->Summary();
+}
+
+/// What a test does to calls of real cameras, by address.
+struct Meddling {
+  std::function<void()> before_arm = [] {};
+  std::optional<Error> arm_fails;
+};
+
+class MeddledCamera final : public Camera {
+ public:
+  MeddledCamera(std::unique_ptr<Camera> real, const Meddling& meddling)
+      : real_(std::move(real)), meddling_(meddling) {}
+  const CameraIdentity& identity() const override { return real_->identity(); }
+  Result<AppliedSettings> Apply(const CameraSettings& settings) override {
+    return real_->Apply(settings);
+  }
+  Status Arm(TriggerBy by, FrameBlock memory) override {
+    if (by == TriggerBy::kSoftware) return real_->Arm(by, std::move(memory));
+    if (meddling_.arm_fails) return *meddling_.arm_fails;
+    meddling_.before_arm();
+    return real_->Arm(by, std::move(memory));
+  }
+  Status Refill(FrameBlock memory) override { return real_->Refill(std::move(memory)); }
+  Result<bool> WaitArmed(Clock::time_point deadline) override { return real_->WaitArmed(deadline); }
+  Status SoftwareTrigger() override { return real_->SoftwareTrigger(); }
+  std::optional<CameraFrame> Fetch(Clock::time_point deadline) override {
+    return real_->Fetch(deadline);
+  }
+  Status Disarm() override { return real_->Disarm(); }
+  Result<ClockSample> SampleClock() override { return real_->SampleClock(); }
+  StreamCounters counters() const override { return real_->counters(); }
+  Result<CameraHealth> ReadHealth() override { return real_->ReadHealth(); }
+  Status CheckPtp() override { return real_->CheckPtp(); }
+  bool LostControl() override { return real_->LostControl(); }
+
+ private:
+  const std::unique_ptr<Camera> real_;
+  const Meddling& meddling_;
+};
+
+/// A session in which `meddling` is done to the camera at `address`.
+Result<std::unique_ptr<CaptureSession>> OpenMeddled(SimulatedRig& rig, const std::string& address,
+                                                    const Meddling& meddling) {
+  const auto open = [&meddling, address](const CameraPlace& place) {
+    Result<std::unique_ptr<Camera>> camera = OpenAravisCamera(place);
+    if (!camera || place.address != address) return camera;
+    return Result<std::unique_ptr<Camera>>(
+        std::make_unique<MeddledCamera>(std::move(*camera), meddling));
+  };
+  return CaptureSession::Open(rig.capture(),
+                              {open, std::make_unique<sim::SocketTrigger>(rig.server().socket())});
+}
+
+TEST(CaptureSession, ACameraArmedAfterThePulseWasArmedLate) {
+  SimulatedRig rig(RigOf("127.32.16", 3));
+  rig.capture().retries = 0;
+  rig.capture().timing.arm_ms = 100;
+  rig.capture().timing.deadline_ms = 800;
+  rig.capture().timing.late_ms = 100;
+  Meddling slow;
+  slow.before_arm = [] { std::this_thread::sleep_for(400ms); };
+  const auto session = OpenMeddled(rig, "127.32.16.2", slow);
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u);
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_STREQ(VerdictName(shot->cameras[1].verdict), "armed late") << shot->Summary();
+  EXPECT_EQ(shot->OkCount(), 2u) << shot->Summary();
+}
+
+TEST(CaptureSession, AnErrorThatIsNotUnderstoodIsNotCalledLostControl) {
+  SimulatedRig rig(RigOf("127.32.17", 3));
+  rig.capture().retries = 0;
+  const Meddling broken{[] {}, Error{ErrorCode::kFailed, "sensor too hot", "AcquisitionStart"}};
+  const auto session = OpenMeddled(rig, "127.32.17.2", broken);
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u);
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_STREQ(VerdictName(shot->cameras[1].verdict), "camera error") << shot->Summary();
+  EXPECT_EQ(shot->cameras[1].reason, "it answers, but: AcquisitionStart: sensor too hot");
+  EXPECT_EQ(shot->OkCount(), 2u) << shot->Summary();
+  EXPECT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u) << "it is opened again";
+}
+
+/// The first camera's state once it has been refused.
+CameraState StateOfRefused(const CaptureSession& session) {
+  for (int i = 0; i < 2000 && session.States().front().problem.empty(); ++i) {
+    std::this_thread::sleep_for(10ms);
+  }
+  const CameraState state = session.States().front();
+  EXPECT_STREQ(ConditionName(state.condition), "lost");
+  return state;
+}
+
+TEST(CaptureSession, ACameraThatDoesNotKeepItsSettingsSaysWhich) {
+  SimulatedRig::Options options = RigOf("127.32.18", 2);
+  options.like.max_packet_delay_ns = 5000;
+  SimulatedRig rig(options);
+  // Two cameras on 1 Gbit/s leave gaps as long as their packets: 73 us.
+  rig.capture().uplinks = {{"loop", 1000, 1000}};
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  const CameraState state = StateOfRefused(**session);
+  EXPECT_NE(state.problem.find("GevSCPD"), std::string::npos) << state.problem;
+  EXPECT_NE(state.problem.find("has 5000 ns"), std::string::npos) << state.problem;
+  EXPECT_STREQ(VerdictName(state.lost_as), "camera error");
+}
+
+TEST(CaptureSession, WholeSensorsThatTheNetworkIsTooSlowForAreRefused) {
+  SimulatedRig rig(RigOf("127.32.19", 2));
+  // 300x400 pixels of two cameras over 9 Mbit/s take 0.2 s; how large they are, only they know.
+  rig.capture().uplinks = {{"loop", 10, 10}};
+  rig.capture().timing.deadline_ms = 100;
+  ASSERT_EQ(rig.capture().settings.width_px, 0);
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  const CameraState state = StateOfRefused(**session);
+  EXPECT_NE(state.problem.find("frames of 0.12 MB need 2"), std::string::npos) << state.problem;
+  EXPECT_NE(state.problem.find("capture.deadline_ms is 100"), std::string::npos) << state.problem;
 }
 
 class BrokenTrigger : public TriggerLine {

@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <unistd.h>
 #include <xxhash.h>
 
 #include <chrono>
 #include <csignal>
 #include <cstring>
+#include <memory>
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 #include <thread>
@@ -134,24 +136,38 @@ bool WaitForTrouble(const FrameSetWriter& writer, bool wanted) {
   return false;
 }
 
+/// While it lives no file may be longer than 1000 bytes: write() fails as on a full disk, without
+/// needing one.
+class NoRoom {
+ public:
+  NoRoom() {
+    std::signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &before_);
+    rlimit small = before_;
+    small.rlim_cur = 1000;
+    setrlimit(RLIMIT_FSIZE, &small);
+  }
+  ~NoRoom() { setrlimit(RLIMIT_FSIZE, &before_); }
+  NoRoom(const NoRoom&) = delete;
+  NoRoom& operator=(const NoRoom&) = delete;
+
+ private:
+  rlimit before_{};
+};
+
 TEST(FrameSetWriter, AFullDiskLosesNothing) {
   const test::TemporaryFolder folder;
   FrameMemory memory(6, kWidth * kHeight);
   FrameSetWriter writer(2);
-  // No file may be longer than 1000 bytes: what write() says on a full disk, without needing one.
-  std::signal(SIGXFSZ, SIG_IGN);
-  rlimit before{};
-  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
-  rlimit small = before;
-  small.rlim_cur = 1000;
-  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  auto full = std::make_unique<NoRoom>();
   const auto first = writer.Submit(OrderTo(folder / "first"), MakeShot(memory, 3, false));
   const auto second = writer.Submit(OrderTo(folder / "second"), MakeShot(memory, 3, false));
   const bool troubled = WaitForTrouble(writer, true);
   const auto trouble = writer.trouble();
-  setrlimit(RLIMIT_FSIZE, &before);
+  full.reset();
   ASSERT_TRUE(troubled);
   EXPECT_EQ(trouble->out, folder / "first");
+  EXPECT_TRUE(trouble->tried_again);
   EXPECT_NE(trouble->error.message.find("File too large"), std::string::npos)
       << trouble->error.ToString();
   EXPECT_EQ(memory.lent(), 6u);
@@ -168,14 +184,19 @@ TEST(FrameSetWriter, ASetThatIsGivenUpFreesItsMemory) {
   const test::TemporaryFolder folder;
   FrameMemory memory(6, kWidth * kHeight);
   FrameSetWriter writer(1);
-  const auto first = writer.Submit(OrderTo(folder / "none" / "first"), MakeShot(memory, 3, false));
+  auto full = std::make_unique<NoRoom>();
+  const auto first = writer.Submit(OrderTo(folder / "first"), MakeShot(memory, 3, false));
   const auto second = writer.Submit(OrderTo(folder / "second"), MakeShot(memory, 3, false));
-  ASSERT_TRUE(WaitForTrouble(writer, true));
+  const bool troubled = WaitForTrouble(writer, true);
   std::stop_source stop;
   stop.request_stop();
-  EXPECT_EQ(writer.Wait(first, stop.get_token()).error().code, ErrorCode::kCancelled);
+  const ErrorCode waited = writer.Wait(first, stop.get_token()).error().code;
   writer.Abandon(first);
-  EXPECT_FALSE(writer.Wait(first));
+  const bool written = writer.Wait(first).ok();
+  full.reset();
+  ASSERT_TRUE(troubled);
+  EXPECT_EQ(waited, ErrorCode::kCancelled);
+  EXPECT_FALSE(written);
   EXPECT_TRUE(writer.Wait(second));
   EXPECT_EQ(memory.lent(), 0u);
 }
@@ -184,19 +205,97 @@ TEST(FrameSetWriter, GivingUpALaterSetLeavesTheFirstAndTheOthersInPlace) {
   const test::TemporaryFolder folder;
   FrameMemory memory(12, kWidth * kHeight);
   FrameSetWriter writer(1);
-  std::vector<FrameSetWriter::Ticket> tickets = {
-      writer.Submit(OrderTo(folder / "none" / "first"), MakeShot(memory, 3, false))};
-  for (const char* name : {"second", "third", "fourth"}) {
+  auto full = std::make_unique<NoRoom>();
+  std::vector<FrameSetWriter::Ticket> tickets;
+  for (const char* name : {"first", "second", "third", "fourth"}) {
     tickets.push_back(writer.Submit(OrderTo(folder / name), MakeShot(memory, 3, false)));
   }
-  ASSERT_TRUE(WaitForTrouble(writer, true));
+  const bool troubled = WaitForTrouble(writer, true);
   writer.Abandon(tickets[1]);
-  EXPECT_FALSE(writer.Wait(tickets[1]));
-  std::filesystem::create_directory(folder / "none");
+  const bool written = writer.Wait(tickets[1]).ok();
+  full.reset();
+  ASSERT_TRUE(troubled);
+  EXPECT_FALSE(written);
   for (const size_t kept : {0, 2, 3}) {
-    const auto written = writer.Wait(tickets[kept]);
+    const auto set = writer.Wait(tickets[kept]);
+    EXPECT_TRUE(set) << set.error().ToString();
+  }
+  EXPECT_EQ(memory.lent(), 0u);
+}
+
+/// Root may write anywhere: while this lives, nobody is root.
+class NotRoot {
+ public:
+  NotRoot() : was_root_(::geteuid() == 0) {
+    if (was_root_) {
+      EXPECT_EQ(::seteuid(65534), 0);
+    }
+  }
+  ~NotRoot() {
+    if (was_root_) {
+      EXPECT_EQ(::seteuid(0), 0);
+    }
+  }
+  NotRoot(const NotRoot&) = delete;
+  NotRoot& operator=(const NotRoot&) = delete;
+
+ private:
+  const bool was_root_;
+};
+
+/// Where no set can be written however often it is tried.
+struct BadPlace {
+  const char* name;
+  const char* says;
+};
+const BadPlace kBadPlaces[] = {
+    {"none/set", "No such file or directory"},  // ENOENT
+    {"file/set", "Not a directory"},            // ENOTDIR
+    {"closed/set", "Permission denied"},        // EACCES
+    {"taken", "exists and is not empty"},
+};
+
+TEST(FrameSetWriter, WhatNeverPassesIsToldAtOnceKeptAndDoesNotHoldOthersUp) {
+  const test::TemporaryFolder folder;
+  fs::create_directories(folder / "closed");
+  fs::create_directories(folder / "taken" / "thing");
+  ASSERT_TRUE(WriteNewFile(folder / "file", "no folder"));
+  fs::permissions(folder / "closed", fs::perms::owner_read | fs::perms::owner_exec);
+  fs::permissions(folder.path(), fs::perms::all);
+  const NotRoot not_root;
+  FrameMemory memory(3 * (std::size(kBadPlaces) + 1), kWidth * kHeight);
+  FrameSetWriter writer(1);
+  std::vector<FrameSetWriter::Ticket> tickets;
+  for (const BadPlace& place : kBadPlaces) {
+    tickets.push_back(writer.Submit(OrderTo(folder / place.name), MakeShot(memory, 3, false)));
+  }
+  const auto good = writer.Submit(OrderTo(folder / "good"), MakeShot(memory, 3, false));
+  EXPECT_TRUE(writer.Wait(good));
+  for (size_t i = 0; i < tickets.size(); ++i) {
+    const auto refused = writer.Wait(tickets[i]);
+    ASSERT_FALSE(refused) << kBadPlaces[i].name;
+    EXPECT_NE(refused.error().message.find(kBadPlaces[i].says), std::string::npos)
+        << refused.error().ToString();
+    EXPECT_EQ(memory.lent(), 3 * (tickets.size() - i)) << "the frames are still there";
+    EXPECT_FALSE(writer.trouble()->tried_again);
+    ASSERT_TRUE(writer.Redirect(tickets[i], folder / ("moved" + std::to_string(i))));
+    const auto written = writer.Wait(tickets[i]);
     EXPECT_TRUE(written) << written.error().ToString();
   }
+  EXPECT_EQ(memory.lent(), 0u);
+  EXPECT_FALSE(writer.trouble());
+  EXPECT_FALSE(writer.Redirect(good, folder / "again"));
+}
+
+TEST(FrameSetWriter, ASetThatWasSetAsideCanBeGivenUp) {
+  const test::TemporaryFolder folder;
+  FrameMemory memory(3, kWidth * kHeight);
+  FrameSetWriter writer(1);
+  const auto ticket = writer.Submit(OrderTo(folder / "none" / "set"), MakeShot(memory, 3, false));
+  EXPECT_FALSE(writer.Wait(ticket));
+  EXPECT_EQ(writer.pending(), 1u);
+  writer.Abandon(ticket);
+  EXPECT_EQ(writer.pending(), 0u);
   EXPECT_EQ(memory.lent(), 0u);
 }
 

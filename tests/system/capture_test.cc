@@ -7,6 +7,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -39,16 +40,22 @@ class CaptureCommand : public testing::Test {
     const auto set = ReadFrameSet(Served());
     ASSERT_TRUE(set) << set.error().ToString();
     std::ofstream(*folder_ / "lenses.json") << "{}";
-    std::ofstream config(*folder_ / "rig.toml");
-    config << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = 1500\nlate_ms = "
-              "300\npixel_format = \""
-           << set->frames.front().pixel_format << "\"\n[uplinks.u]\n";
-    for (size_t i = 0; i < set->frames.size(); ++i) {
-      config << "[cameras." << set->frames[i].camera << "]\nserial = \"" << set->frames[i].serial
-             << "\"\naddress = \"" << kBlock << '.' << i + 1 << "\"\n";
-    }
+    WriteConfig("rig.toml", *set, "");
+    WriteConfig("line1.toml", *set, "[trigger]\ncamera_input = \"Line1\"\n");
+    WriteConfig("odd.toml", *set, "[trigger]\ncamera_input = \"Opto\"\n");
     cameras_ =
         std::make_unique<ServedCameras>(ServedCameras::Options{ROTUNDA_COMMAND, Served(), kBlock});
+  }
+  static void WriteConfig(const std::string& name, const FrameSet& set, const std::string& more) {
+    std::ofstream config(*folder_ / name);
+    config << more
+           << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = 1500\nlate_ms = "
+              "300\npixel_format = \""
+           << set.frames.front().pixel_format << "\"\n[uplinks.u]\n";
+    for (size_t i = 0; i < set.frames.size(); ++i) {
+      config << "[cameras." << set.frames[i].camera << "]\nserial = \"" << set.frames[i].serial
+             << "\"\naddress = \"" << kBlock << '.' << i + 1 << "\"\n";
+    }
   }
   static void TearDownTestSuite() {
     cameras_.reset();
@@ -61,12 +68,21 @@ class CaptureCommand : public testing::Test {
     arguments.insert(arguments.begin(), ROTUNDA_COMMAND);
     return RunProcess(arguments);
   }
-  static ProcessOutcome Capture(const std::string& out, std::vector<std::string> more = {}) {
+  static ProcessOutcome Capture(const std::string& out, std::vector<std::string> more = {},
+                                const std::string& config = "rig.toml") {
     std::vector<std::string> arguments = {
-        "capture",          "--rig", *folder_ / "rig.toml", "--simulated",
+        "capture",          "--rig", *folder_ / config, "--simulated",
         cameras_->socket(), "--out", *folder_ / out};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return Run(arguments);
+  }
+  /// How many frames the first camera has sent.
+  static int FramesSent() {
+    std::istringstream list(cameras_->Send({"list"}).output);
+    std::string address, name, serial, state, word;
+    int frames = -1;
+    list >> address >> name >> serial >> state >> word >> frames;
+    return frames;
   }
 
   static inline std::unique_ptr<TemporaryFolder> folder_;
@@ -114,6 +130,51 @@ TEST_F(CaptureCommand, AnIncompleteShotIsWrittenAndSaysSo) {
   EXPECT_EQ(set->frames[1].status, "missing");
 }
 
+TEST_F(CaptureCommand, FiresTheInputThatTheCamerasAreSetTo) {
+  const ProcessOutcome shot = Capture("line1", {}, "line1.toml");
+  EXPECT_EQ(shot.exit_code, 0) << shot.errors;
+  const ProcessOutcome odd = Capture("odd", {}, "odd.toml");
+  EXPECT_EQ(odd.exit_code, 1);
+  EXPECT_TRUE(Contains(odd.errors, "trigger.camera_input: is \"Opto\"")) << odd.errors;
+}
+
+TEST_F(CaptureCommand, APlaceThatCannotBeWrittenIsRefusedBeforeThePulse) {
+  const int before = FramesSent();
+  const ProcessOutcome shot = Capture("none/shot");
+  EXPECT_EQ(shot.exit_code, 1);
+  EXPECT_TRUE(Contains(shot.errors, "none does not exist: make it first")) << shot.errors;
+  EXPECT_EQ(FramesSent(), before);
+}
+
+TEST_F(CaptureCommand, AShotWhoseFolderGoesAwayIsKeptElsewhere) {
+  // The muted camera makes the shot wait for seconds after the others' frames have come.
+  ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".2", "mute"}).exit_code, 0);
+  const std::filesystem::path parent = *folder_ / "parent";
+  const std::filesystem::path temporary = *folder_ / "temporary";
+  std::filesystem::create_directory(parent);
+  std::filesystem::create_directory(temporary);
+  const int before = FramesSent();
+  const ProcessOutcome shot = RunProcess(
+      {"env", "TMPDIR=" + temporary.string(), ROTUNDA_COMMAND, "capture", "--rig",
+       *folder_ / "rig.toml", "--simulated", cameras_->socket(), "--out", parent / "shot"},
+      [&] {
+        // The warm-up frame, and that of the pulse.
+        if (FramesSent() >= before + 2) std::filesystem::remove_all(parent);
+        return false;
+      });
+  EXPECT_EQ(shot.exit_code, 1);
+  EXPECT_TRUE(Contains(shot.errors, "No such file or directory")) << shot.errors;
+  EXPECT_TRUE(Contains(shot.errors, "instead: move it")) << shot.errors;
+  int sets = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(temporary)) {
+    const auto set = ReadFrameSet(entry.path());
+    ASSERT_TRUE(set) << set.error().ToString();
+    EXPECT_EQ(set->frames.size(), 4u);
+    ++sets;
+  }
+  EXPECT_EQ(sets, 1) << shot.errors;
+}
+
 TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   const ProcessOutcome all = Run({"cameras", "--rig", *folder_ / "rig.toml", "--json"});
   ASSERT_EQ(all.exit_code, 0) << all.errors;
@@ -122,11 +183,15 @@ TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   EXPECT_EQ(cameras[0].at("condition"), "ready");
   EXPECT_EQ(cameras[0].at("address"), std::string(kBlock) + ".1");
   EXPECT_EQ(cameras[0].at("control_held"), true);
+  EXPECT_EQ(cameras[0].at("last_frame_id"), 1) << "of the warm-up";
+  EXPECT_GE(cameras[0].at("last_frame_age_s"), 0.0);
   ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".3", "unplug"}).exit_code, 0);
   const ProcessOutcome less = Run({"cameras", "--rig", *folder_ / "rig.toml"});
   EXPECT_EQ(less.exit_code, 1);
   EXPECT_TRUE(Contains(less.errors, "3 of 4 are ready")) << less.errors;
   EXPECT_TRUE(Contains(less.output, "no camera answers")) << less.output;
+  EXPECT_TRUE(Contains(less.output, " ready    held ")) << less.output;
+  EXPECT_TRUE(Contains(less.output, " 1, ") && Contains(less.output, " s ago")) << less.output;
 }
 
 TEST_F(CaptureCommand, WrongUsageIsRefused) {

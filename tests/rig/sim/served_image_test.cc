@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "rig/png_encoder.h"
 #include "rig/sim/camera_server.h"
 #include "rig/sim/png_writer.h"
 #include "sfm/core/file_io.h"
@@ -20,6 +21,9 @@ ServedImage Colours() {
 TEST(ServedImage, ConvertsAsASensorSees) {
   // Red, green / green, blue.
   EXPECT_EQ(ConvertImage(Colours(), PixelFormat::kBayerRG8).bytes, (Bytes{250, 240, 0, 255}));
+  EXPECT_EQ(ConvertImage(Colours(), PixelFormat::kBayerGR8).bytes, (Bytes{0, 0, 230, 255}));
+  EXPECT_EQ(ConvertImage(Colours(), PixelFormat::kBayerGB8).bytes, (Bytes{0, 0, 0, 255}));
+  EXPECT_EQ(ConvertImage(Colours(), PixelFormat::kBayerBG8).bytes, (Bytes{0, 240, 0, 255}));
   // 0.299 R + 0.587 G + 0.114 B, within its 1/256.
   const Bytes grey = ConvertImage(Colours(), PixelFormat::kMono8).bytes;
   EXPECT_NEAR(grey[0], 0.299 * 250, 1);
@@ -83,6 +87,37 @@ TEST(LoadShots, ServesFrameSetsInARow) {
   EXPECT_EQ(cameras[1].name, "right");
   EXPECT_EQ(cameras[1].serial, "S-right");
   EXPECT_EQ(cameras[1].width_px, 4);
+}
+
+TEST(LoadShots, ServesEveryBayerPatternAsItIs) {
+  const test::TemporaryFolder folder;
+  ThreadPool threads(1);
+  RunContext context{threads};
+  for (const char* format : {"Mono8", "BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8", "Mono12"}) {
+    const auto place = folder / format;
+    std::filesystem::create_directories(place);
+    const Bytes pixels = {1, 2, 3, 4, 5, 6};
+    const auto png = rig::EncodePng({pixels, 3, 2, 1});
+    ASSERT_TRUE(png && WriteNewFile(place / "a.png", *png));
+    FrameSet set;
+    set.id = format;
+    Frame& frame = set.frames.emplace_back();
+    frame.camera = "a";
+    frame.file = "a.png";
+    frame.width_px = 3;
+    frame.height_px = 2;
+    frame.pixel_format = format;
+    ASSERT_TRUE(WriteNewFile(place / "frameset.json", FrameSetToJson(set)));
+    const auto shots = LoadShots({place}, std::nullopt, context);
+    if (std::string(format) == "Mono12") {
+      ASSERT_FALSE(shots);
+      EXPECT_NE(shots.error().message.find("is \"Mono12\""), std::string::npos);
+      continue;
+    }
+    ASSERT_TRUE(shots) << shots.error().ToString();
+    EXPECT_STREQ(PixelFormatName(shots->format), format);
+    EXPECT_EQ(shots->source({0, 0})->bytes, pixels);
+  }
 }
 
 TEST(LoadShots, NamesWhatIsMissing) {

@@ -207,5 +207,21 @@ TEST(OutputFolder, NothingRemainsOfAFullDisk) {
   EXPECT_EQ(*code, 0);
 }
 
+TEST(CheckOutputPlace, TellsBeforehandWhatWouldFail) {
+  const test::TemporaryFolder folder;
+  EXPECT_TRUE(CheckOutputPlace(folder / "set", 1000));
+  EXPECT_TRUE(fs::is_empty(folder.path())) << "nothing stays";
+  EXPECT_EQ(CheckOutputPlace(folder / "none/set", 0).error().code, ErrorCode::kNotFound);
+  ASSERT_TRUE(WriteNewFile(folder / "file", "no folder"));
+  const Status below_file = CheckOutputPlace(folder / "file/set", 0);
+  EXPECT_EQ(below_file.error().code, ErrorCode::kNotFound);
+  EXPECT_NE(below_file.error().message.find("is not a folder"), std::string::npos);
+  EXPECT_EQ(CheckOutputPlace(folder / "file", 0).error().code, ErrorCode::kAlreadyExists);
+  EXPECT_EQ(CheckOutputPlace("/proc/rotunda", 0).ok(), false);
+  const Status full = CheckOutputPlace(folder / "set", uint64_t{1} << 62);
+  EXPECT_EQ(full.error().code, ErrorCode::kIo);
+  EXPECT_NE(full.error().message.find("has room for"), std::string::npos) << full.error().message;
+}
+
 }  // namespace
 }  // namespace rotunda
