@@ -35,6 +35,18 @@ struct Common {
   }
 };
 
+/// The table [rig_frame].
+struct FrameText {
+  std::string shot;
+  Eigen::Vector3d board_origin_mm = Eigen::Vector3d::Zero();
+  double front_deg = 0;
+
+  Section Fields() {
+    return {"rig_frame",
+            {{"shot", &shot}, {"board_origin_mm", &board_origin_mm}, {"front_deg", &front_deg}}};
+  }
+};
+
 /// One table [[face]].
 struct FaceText {
   rig::BoardFace face;
@@ -88,10 +100,11 @@ Result<rig::BoardFace> FaceOf(const FaceText& text, const std::string& key) {
   return face;
 }
 
-Status ReadCuboid(const TomlFile& file, Common* common, rig::Board* board) {
+Status ReadCuboid(const TomlFile& file, Common* common, FrameText* frame, rig::Board* board) {
   rig::CuboidDrawing drawing;
   ROTUNDA_RETURN_IF_ERROR(file.Read(
       {common->Fields(),
+       frame->Fields(),
        {"cuboid",
         {{"columns", &drawing.columns}, {"rows", &drawing.rows}, {"top", &drawing.top}}}}));
   const auto is_odd = [](int count) { return count >= 3 && count <= 99 && count % 2 == 1; };
@@ -110,13 +123,13 @@ Status ReadCuboid(const TomlFile& file, Common* common, rig::Board* board) {
   return {};
 }
 
-Status ReadFaces(const TomlFile& file, Common* common, rig::Board* board) {
+Status ReadFaces(const TomlFile& file, Common* common, FrameText* frame, rig::Board* board) {
   const auto key = [](size_t i) { return "face[" + std::to_string(i) + "]"; };
   // Twice: the faces' defaults are what [board] says.
   std::vector<FaceText> faces(file.Count("face"), FaceText(*common));
   for (int pass = 0; pass < 2; ++pass) {
     faces.assign(faces.size(), FaceText(*common));
-    std::vector<Section> sections = {common->Fields()};
+    std::vector<Section> sections = {common->Fields(), frame->Fields()};
     for (size_t i = 0; i < faces.size(); ++i) sections.push_back(faces[i].Fields(key(i)));
     ROTUNDA_RETURN_IF_ERROR(file.Read(sections));
   }
@@ -134,12 +147,14 @@ Status ReadFaces(const TomlFile& file, Common* common, rig::Board* board) {
 
 Result<rig::Board> BoardOf(const TomlFile& file) {
   Common common;
+  FrameText frame;
   rig::Board board;
   if (file.Has("cuboid") && file.Has("face")) {
     return Refused("cuboid", "and [[face]] are in one file, expected one of them");
   }
-  ROTUNDA_RETURN_IF_ERROR(file.Count("face") > 0 ? ReadFaces(file, &common, &board)
-                                                 : ReadCuboid(file, &common, &board));
+  ROTUNDA_RETURN_IF_ERROR(file.Count("face") > 0 ? ReadFaces(file, &common, &frame, &board)
+                                                 : ReadCuboid(file, &common, &frame, &board));
+  board.rig_frame = {frame.shot, 1e-3 * frame.board_origin_mm, RadFromDeg(frame.front_deg)};
   board.name = common.name;
   board.face_position_sigma_m = 1e-3 * common.face_position_sigma_mm;
   board.face_rotation_sigma_rad = RadFromDeg(common.face_rotation_sigma_deg);

@@ -46,6 +46,15 @@ struct BoardFace {
   Eigen::Vector3d CornerInFace(int corner) const;
 };
 
+/// Where the rig frame is: which shot it hangs on, and how the target stands in it then.
+struct RigFrameSetting {
+  std::string shot;  // id; empty: the first one given
+  /// The origin of the board frame in the rig frame: x and y from the rig's axis, z above the
+  /// floor.
+  Eigen::Vector3d board_origin_m = Eigen::Vector3d::Zero();
+  double front_rad = 0;  // from the rig's front (x axis) to the board's, about the axis, upwards
+};
+
 /// A rigid target of one or more ChArUco boards: a single board, a cuboid, a cube, several boards
 /// screwed together. How far the real one may be from the drawing (one standard deviation) is what
 /// calibration takes as prior; infinite where the drawing says nothing.
@@ -54,6 +63,7 @@ struct Board {
   std::vector<BoardFace> faces;
   double face_position_sigma_m = 1e-3;
   double face_rotation_sigma_rad = 0.0035;  // 0.2 deg
+  RigFrameSetting rig_frame;
   double bow_sigma_m = 0.5e-3;  // of both parts of CalibratedFace::bow_m; 0: the boards are flat
 
   /// kInvalidArgument; the context is the key of the board file: "face[1].rows" (counted from 0).

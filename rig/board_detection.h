@@ -27,6 +27,7 @@ struct RejectedMarker {
   std::string dictionary;
   int id = -1;
   Eigen::Vector2d centre_px;
+  std::string kind;    // of the reason, without ids and numbers: to be counted by
   std::string reason;  // for the operator: "id 530 is on no face of the board", ...
 };
 

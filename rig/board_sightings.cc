@@ -304,4 +304,27 @@ Result<BoardSightings> DetectBoards(const ShotPictures& shots, const Board& boar
   return all;
 }
 
+std::vector<RejectedCount> CountRejected(const BoardSightings& sightings) {
+  std::map<std::string, std::map<std::string, size_t>> kinds;
+  for (const auto& row : sightings.sightings) {
+    for (size_t c = 0; c < row.size(); ++c) {
+      if (!row[c].detection) continue;
+      for (const RejectedMarker& marker : row[c].detection->rejected) {
+        ++kinds[marker.kind][sightings.cameras[c].camera];
+      }
+    }
+  }
+  std::vector<RejectedCount> counts;
+  for (const auto& [kind, cameras] : kinds) {
+    RejectedCount& count = counts.emplace_back(RejectedCount{kind, 0, {}});
+    count.cameras.assign(cameras.begin(), cameras.end());
+    for (const auto& [camera, markers] : cameras) count.count += markers;
+    std::stable_sort(count.cameras.begin(), count.cameras.end(),
+                     [](const auto& a, const auto& b) { return a.second > b.second; });
+  }
+  std::stable_sort(counts.begin(), counts.end(),
+                   [](const auto& a, const auto& b) { return a.count > b.count; });
+  return counts;
+}
+
 }  // namespace rotunda::rig

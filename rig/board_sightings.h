@@ -66,4 +66,13 @@ Result<ShotPictures> FindShots(const std::vector<std::filesystem::path>& folders
 Result<BoardSightings> DetectBoards(const ShotPictures& shots, const Board& board,
                                     const BoardDetectionOptions& options, RunContext& context);
 
+/// Markers that were not used for one reason, in all pictures.
+struct RejectedCount {
+  std::string kind;  // as RejectedMarker::kind
+  size_t count = 0;
+  std::vector<std::pair<std::string, size_t>> cameras;  // those with the most first
+};
+/// The most frequent kind first.
+std::vector<RejectedCount> CountRejected(const BoardSightings& sightings);
+
 }  // namespace rotunda::rig

@@ -117,14 +117,12 @@ RigModel SeenIn(const std::vector<FaceView>& views, const RigModel& model, size_
   return seen;
 }
 
-constexpr size_t kMinHalfCorners = 24;
-
 /// Errors of the views that `held` chooses under a calibration from the others.
 Status TestHeldOut(const RigProblem& problem, const RigCalibration& result, const Chooser& held,
                    bool by_shots, HeldOut& errors, RunContext& context) {
   const auto rest =
       Chosen(result.kept, [&](const FaceView& v, const SeenCorner& c) { return !held(v, c); });
-  const RigModel start = SeenIn(rest, result.model, kMinHalfCorners);
+  const RigModel start = SeenIn(rest, result.model, RigCalibrationOptions().min_camera_corners);
   ROTUNDA_ASSIGN_OR_RETURN(RigModel model, Readjust(problem, rest, result.free, start, context));
   const auto test = Chosen(result.kept, held);
   if (by_shots) {
@@ -149,7 +147,7 @@ Result<Calibration> CalibrateHalf(const RigProblem& problem, const RigCalibratio
                                   const Chooser& choose, RunContext& context) {
   const auto views = Chosen(result.kept, choose);
   RigCalibration half;
-  half.model = SeenIn(views, result.model, kMinHalfCorners);
+  half.model = SeenIn(views, result.model, RigCalibrationOptions().min_camera_corners);
   ROTUNDA_ASSIGN_OR_RETURN(half.model, Readjust(problem, views, result.free, half.model, context));
   ROTUNDA_ASSIGN_OR_RETURN(half.uncertainty,
                            BuildUncertainty(problem, WithNoise(views, result.noise), half.model,

@@ -197,9 +197,10 @@ Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
                                                   const Calibration& after,
                                                   const CalibrationComparisonOptions& options) {
   const std::vector<Pair> pairs = PairUp(before, after, options);
-  if (pairs.size() < 3) {
+  if (pairs.size() < kMinComparedCameras) {
     return Error{ErrorCode::kBadInput,
-                 "expected at least 3 cameras that are in both calibrations, found " +
+                 "expected at least " + std::to_string(kMinComparedCameras) +
+                     " cameras that are in both calibrations, found " +
                      std::to_string(pairs.size()),
                  ""};
   }

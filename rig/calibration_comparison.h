@@ -47,9 +47,11 @@ struct CalibrationComparison {
 Result<Rigid3> AlignRigs(const Calibration& before, const Calibration& after,
                          const CalibrationComparisonOptions& options);
 
+inline constexpr size_t kMinComparedCameras = 3;  // in both: fewer do not tell who moved
+
 /// Which cameras moved between two calibrations: those whose change, relative to the rest, is
-/// beyond what both calibrations' covariances and the number of cameras explain. kBadInput below 3
-/// common cameras.
+/// beyond what both calibrations' covariances and the number of cameras explain. kBadInput below
+/// kMinComparedCameras common cameras.
 Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
                                                   const Calibration& after,
                                                   const CalibrationComparisonOptions& options);

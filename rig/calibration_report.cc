@@ -171,9 +171,10 @@ std::string ShotTable(const CalibrationReportInput& input) {
   }
   std::vector<Row> rows;
   for (size_t s = 0; s < shots; ++s) {
-    const double rms = std::sqrt(squares[s] / static_cast<double>(corners[s]));
+    const std::string rms =
+        corners[s] == 0 ? "–" : Fixed(std::sqrt(squares[s] / static_cast<double>(corners[s])), 3);
     rows.push_back({input.sightings.shots[s].id, std::to_string(cameras[s]),
-                    std::to_string(corners[s]), Fixed(rms, 3),
+                    std::to_string(corners[s]), rms,
                     input.result.shot_problem[s].empty() ? "used" : input.result.shot_problem[s]});
   }
   return Table({"shot", "cameras", "corners", "RMS px", ""}, rows);

@@ -13,12 +13,17 @@ namespace {
 constexpr int kParameters = 10;
 using Vector = Eigen::Matrix<double, kParameters, 1>;
 using Matrix = Eigen::Matrix<double, kParameters, kParameters>;
-enum Parameter { kX, kY, kAngle1, kAngle2, kBlur, kBlack, kContrast, kCurve, kSlopeX, kSlopeY };
+enum Parameter { kX, kY, kAngle1, kAngle2, kBlur, kBlack, kContrast, kTone, kSlopeX, kSlopeY };
 
-constexpr int kMaxIterations = 20;
+constexpr int kMaxIterations = 30;
 constexpr double kConverged_px = 1e-4;
-constexpr double kStartBlur_px = 0.8;
-constexpr double kMinBlur_px = 0.25;   // less cannot be told from a step
+constexpr double kStartBlur_px = 0.7;
+constexpr double kMinBlur_px = 0.15;  // less cannot be told from a step
+constexpr double kFar = 4.5;          // erf is 1 to 2e-10
+constexpr double kStartTone = 0.5;
+constexpr double kMaxTone = 6;
+constexpr double kMaxToneStep = 1;
+constexpr int kHeldTone = 3;  // iterations: edges that are not yet where they are bend the curve
 constexpr double kEdgeBand_px = 4;     // pixels farther from both edges say nothing
 constexpr double kMarkerGuard_px = 2;  // what a marker's edge blurs into
 constexpr double kMaxTurn_rad = 0.3;   // of an edge against the guess
@@ -73,6 +78,73 @@ std::vector<Sample> CollectSamples(const cv::Mat& grey, const CornerGuess& guess
   return samples;
 }
 
+/// What pixels see of an edge from -1 to 1 that a Gaussian spot of standard deviation `blur_px`
+/// blurs: its mean over the pixel's square, as a function of the pixel's distance from the edge.
+/// Along the edge's normal n the square is a box of width |nx| convolved with one of width |ny|.
+/// The wider (a) is integrated, the narrower (b) is taken for a Gaussian of its variance b^2/12:
+///     E(d) = (G(d + a/2) - G(d - a/2)) / a,  G' = erf(x / (sqrt(2) s)),  s^2 = blur^2 + b^2/12.
+class EdgeProfile {
+ public:
+  struct Value {
+    double value, by_distance, by_blur;
+  };
+
+  EdgeProfile(const Eigen::Vector2d& normal, double blur_px)
+      : width_(normal.cwiseAbs().maxCoeff()), blur_px_(blur_px) {
+    const double narrow = normal.cwiseAbs().minCoeff();
+    sigma_ = std::sqrt(blur_px * blur_px + narrow * narrow / 12);
+  }
+
+  Value At(double distance) const {
+    const double scale = 1 / (std::sqrt(2.0) * sigma_);
+    const double ahead = distance + 0.5 * width_, behind = distance - 0.5 * width_;
+    if (scale * behind > kFar) return {1, 0, 0};
+    if (scale * ahead < -kFar) return {-1, 0, 0};
+    const double erf1 = std::erf(scale * ahead), erf2 = std::erf(scale * behind);
+    // The spot's density at both ends of the box, times 2 sigma.
+    const double bell = std::sqrt(2 / M_PI);
+    const double bell1 = bell * std::exp(-scale * scale * ahead * ahead);
+    const double bell2 = bell * std::exp(-scale * scale * behind * behind);
+    return {(ahead * erf1 - behind * erf2 + sigma_ * (bell1 - bell2)) / width_,
+            (erf1 - erf2) / width_, (bell1 - bell2) / width_ * blur_px_ / sigma_};
+  }
+
+ private:
+  double width_, blur_px_, sigma_;
+};
+
+/// What makes an edge seem to lie to one side, on black's side for a camera's tone curve, on
+/// white's for ink that spreads: a curve between black (0) and white (1). It is the power of sRGB,
+///     T(w) = ((1 + t w)^(1/2.4) - 1) / ((1 + t)^(1/2.4) - 1),  t = exp(u) - 1,
+/// u > 0: as sRGB on light of which white has exp(u) times as much as black; u = 0: linear; -u: the
+/// same curve turned about its middle, 1 - T(1 - w).
+class ToneCurve {
+ public:
+  struct Value {
+    double value, by_light, by_strength;
+  };
+
+  explicit ToneCurve(double strength)
+      : base_(std::exp(std::abs(strength) < kLinear ? kLinear : strength)),
+        white_(std::pow(base_, kPower)) {}
+
+  Value At(double light) const {
+    if (light < kFlat) return {0, 1, 0};
+    if (light > 1 - kFlat) return {1, 1, 0};
+    const double base = 1 + (base_ - 1) * light;
+    const double power = std::pow(base, kPower), steep = kPower * power / base;
+    const double value = (power - 1) / (white_ - 1);
+    return {value, steep * (base_ - 1) / (white_ - 1),
+            (steep * light * base_ - value * kPower * white_) / (white_ - 1)};
+  }
+
+ private:
+  static constexpr double kPower = 1 / 2.4;
+  static constexpr double kFlat = 1e-9;    // from black and white: no edge is here
+  static constexpr double kLinear = 1e-3;  // less cannot be told from none
+  double base_, white_;
+};
+
 class CornerModel {
  public:
   CornerModel(const std::vector<Sample>& samples, bool top_left_black)
@@ -82,35 +154,37 @@ class CornerModel {
   double Evaluate(const Vector& p, Matrix* normal, Vector* gradient) const {
     const Eigen::Vector2d n1(std::cos(p[kAngle1]), std::sin(p[kAngle1]));
     const Eigen::Vector2d n2(std::cos(p[kAngle2]), std::sin(p[kAngle2]));
-    const double scale = 1 / (std::sqrt(2.0) * p[kBlur]);
+    const EdgeProfile profile1(n1, p[kBlur]), profile2(n2, p[kBlur]);
+    const ToneCurve tone(p[kTone]);
     double squares = 0;
     if (normal) normal->setZero();
     if (gradient) gradient->setZero();
     Vector j;
     for (const Sample& sample : samples_) {
       const double x = sample.x - p[kX], y = sample.y - p[kY];
-      const double d1 = n1.x() * x + n1.y() * y, d2 = n2.x() * x + n2.y() * y;
-      const double e1 = std::erf(scale * d1), e2 = std::erf(scale * d2);
-      const double w = 0.5 * (1 + sign_ * e1 * e2);
+      const EdgeProfile::Value e1 = profile1.At(n1.x() * x + n1.y() * y);
+      const EdgeProfile::Value e2 = profile2.At(n2.x() * x + n2.y() * y);
+      const double w = 0.5 * (1 + sign_ * e1.value * e2.value);
       const double slope = p[kSlopeX] * x + p[kSlopeY] * y;
-      const double by_w = p[kContrast] + p[kCurve] * (1 - 2 * w) + slope;
-      const double residual =
-          p[kBlack] + (p[kContrast] + slope) * w + p[kCurve] * w * (1 - w) - sample.grey;
+      const ToneCurve::Value seen = tone.At(w);
+      const double v = seen.value;
+      const double residual = p[kBlack] + (p[kContrast] + slope) * v - sample.grey;
       squares += residual * residual;
       if (!normal) continue;
-      const double factor = 0.5 * sign_ * by_w * scale * 2 / std::sqrt(M_PI);
-      const double f1 = factor * e2 * std::exp(-scale * scale * d1 * d1);
-      const double f2 = factor * e1 * std::exp(-scale * scale * d2 * d2);
-      j[kX] = -f1 * n1.x() - f2 * n2.x() - w * p[kSlopeX];
-      j[kY] = -f1 * n1.y() - f2 * n2.y() - w * p[kSlopeY];
-      j[kAngle1] = f1 * (n1.x() * y - n1.y() * x);
-      j[kAngle2] = f2 * (n2.x() * y - n2.y() * x);
-      j[kBlur] = -(f1 * d1 + f2 * d2) / p[kBlur];
+      const double by_v = p[kContrast] + slope;
+      const double by_w = by_v * seen.by_light;
+      const double f1 = 0.5 * sign_ * by_w * e2.value, f2 = 0.5 * sign_ * by_w * e1.value;
+      const double d1 = f1 * e1.by_distance, d2 = f2 * e2.by_distance;
+      j[kX] = -d1 * n1.x() - d2 * n2.x() - v * p[kSlopeX];
+      j[kY] = -d1 * n1.y() - d2 * n2.y() - v * p[kSlopeY];
+      j[kAngle1] = d1 * (n1.x() * y - n1.y() * x);
+      j[kAngle2] = d2 * (n2.x() * y - n2.y() * x);
+      j[kBlur] = f1 * e1.by_blur + f2 * e2.by_blur;
       j[kBlack] = 1;
-      j[kContrast] = w;
-      j[kCurve] = w * (1 - w);
-      j[kSlopeX] = w * x;
-      j[kSlopeY] = w * y;
+      j[kContrast] = v;
+      j[kTone] = by_v * seen.by_strength;
+      j[kSlopeX] = v * x;
+      j[kSlopeY] = v * y;
       normal->selfadjointView<Eigen::Lower>().rankUpdate(j);
       *gradient += residual * j;
     }
@@ -136,6 +210,7 @@ Vector StartOf(const std::vector<Sample>& samples, const CornerGuess& guess) {
   start[kAngle1] = AngleOf(n1);
   start[kAngle2] = AngleOf(n2);
   start[kBlur] = kStartBlur_px;
+  start[kTone] = kStartTone;
   start[kBlack] = black;
   start[kContrast] = white - black;
   return start;
@@ -155,22 +230,29 @@ std::optional<Solution> Solve(const CornerModel& model, Vector p) {
   double damping = 1e-3;
   for (int i = 0; i < kMaxIterations; ++i) {
     Matrix damped = normal.selfadjointView<Eigen::Lower>();
+    if (i < kHeldTone) {
+      damped.row(kTone).setZero();
+      damped.col(kTone).setZero();
+      damped(kTone, kTone) = 1;
+      gradient[kTone] = 0;
+    }
     damped.diagonal() *= 1 + damping;
     damped.diagonal().array() += 1e-12;
-    const Vector step = -damped.ldlt().solve(gradient);
+    Vector step = -damped.ldlt().solve(gradient);
     if (!step.allFinite()) return std::nullopt;
+    step *= std::min(1.0, kMaxToneStep / std::max(std::abs(step[kTone]), 1e-9));
     Vector next = p + step;
     next[kBlur] = std::max(next[kBlur], kMinBlur_px);
+    next[kTone] = std::clamp(next[kTone], -kMaxTone, kMaxTone);
     const double next_squares = model.Evaluate(next, nullptr, nullptr);
-    if (next_squares > squares) {
+    if (next_squares <= squares) {
+      p = next;
+      damping = std::max(damping / 8, 1e-9);
+      squares = model.Evaluate(p, &normal, &gradient);
+    } else {
       damping *= 8;
-      if (damping > 1e6) break;
-      continue;
     }
-    p = next;
-    damping = std::max(damping / 8, 1e-9);
-    squares = model.Evaluate(p, &normal, &gradient);
-    if (std::abs(step[kX]) + std::abs(step[kY]) < kConverged_px) {
+    if (i >= kHeldTone && std::abs(step[kX]) + std::abs(step[kY]) < kConverged_px) {
       const Matrix full = normal.selfadjointView<Eigen::Lower>();
       return Solution{p, full.ldlt().solve(Matrix::Identity()), squares};
     }

@@ -35,16 +35,20 @@ struct CornerFitOptions {
   /// The residual may be this share of the contrast. What is no chessboard corner leaves 0.2 and
   /// more; curved edges, texture of paper and coding of JPEG leave up to 0.08.
   double max_residual = 0.12;
-  /// Least standard deviation given to a corner: what the fit's model lacks (profiles that are not
-  /// Gaussian, pixels that are not filled) moves corners by this much without showing as noise.
-  double floor_px = 0.01;
+  /// Least standard deviation given to a corner: what the fit's model lacks moves corners by this
+  /// much without showing as noise (0.002 px: pixels of which 80 % are sensitive; 0.005 px: a tone
+  /// curve bent twice; both where edges run along the pixels' rows).
+  double floor_px = 0.004;
 };
 
-/// Measures a corner by fitting two blurred edges that cross in it,
-///     I = K + C w + c w (1 - w) + w (g . (q - p)),   w = (1 -+ erf(d1 / s') erf(d2 / s')) / 2,
-/// d1, d2 the distances of pixel q from the edges through p, s' = sqrt(2) s, over the pixels along
-/// both edges that the markers do not reach. c takes up the camera's tone curve, g uneven light. By
-/// symmetry neither the curve nor the markers move p. nullopt when there is no such corner here.
+/// Measures a corner by fitting two blurred edges that cross in it, as pixels see them:
+///     I = K + (C + g . (q - p)) T(w),   w = (1 -+ E(d1) E(d2)) / 2,
+/// over the pixels along both edges that the markers do not reach. d1, d2 are the distances of
+/// pixel q from the edges through p, E an edge's mean over the pixel's square (a blurred edge taken
+/// at the pixel's middle is off by 0.02 px where edges run along the pixels' rows and the lens is
+/// sharp), T the curve of the camera or of spreading ink (left out or a parabola: 0.01 px there, as
+/// it does not average out), g uneven light. By symmetry the markers do not move p. nullopt when
+/// there is no such corner here.
 std::optional<CornerFit> FitCorner(const cv::Mat& grey, const CornerGuess& guess,
                                    const CornerFitOptions& options);
 

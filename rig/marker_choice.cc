@@ -48,7 +48,10 @@ class FaceMarkers {
  public:
   FaceMarkers(const BoardFace& face, const std::vector<FoundMarker>& markers,
               const BoardDetectionOptions& options)
-      : markers_(markers), reasons_(markers.size()), agrees_(markers.size()) {
+      : markers_(markers),
+        reasons_(markers.size()),
+        kinds_(markers.size()),
+        agrees_(markers.size()) {
     for (size_t i = 0; i < markers.size(); ++i) {
       for (size_t j = 0; j < i; ++j) {
         const Eigen::Vector2i apart =
@@ -65,6 +68,7 @@ class FaceMarkers {
   }
 
   const std::string& reason(size_t i) const { return reasons_[i]; }  // empty: accepted
+  const std::string& kind(size_t i) const { return kinds_[i]; }
 
  private:
   struct Votes {
@@ -96,6 +100,7 @@ class FaceMarkers {
         }
       }
       if (!worst) return;
+      kinds_[*worst] = worst_votes.all == 0 ? "alone" : "not where its neighbours put it";
       reasons_[*worst] = worst_votes.all == 0
                              ? "no other marker of its face is near to confirm it"
                              : "it is not where its neighbours on the board put it (" +
@@ -145,11 +150,14 @@ class FaceMarkers {
   }
 
   void Reject(const std::vector<size_t>& group, const std::string& reason) {
-    for (size_t i : group) reasons_[i] = reason;
+    for (size_t i : group) {
+      kinds_[i] = "seen twice";
+      reasons_[i] = reason;
+    }
   }
 
   const std::vector<FoundMarker>& markers_;
-  std::vector<std::string> reasons_;
+  std::vector<std::string> reasons_, kinds_;
   std::vector<std::vector<std::pair<size_t, bool>>> agrees_;
 };
 
@@ -158,8 +166,9 @@ class FaceMarkers {
 MarkerChoice ChooseMarkers(std::vector<FoundMarker> found, const Board& board,
                            const BoardDetectionOptions& options) {
   MarkerChoice choice;
-  const auto reject = [&](const FoundMarker& marker, const std::string& reason) {
-    choice.rejected.push_back({marker.dictionary, marker.id, marker.Centre_px(), reason});
+  const auto reject = [&](const FoundMarker& marker, const std::string& kind,
+                          const std::string& reason) {
+    choice.rejected.push_back({marker.dictionary, marker.id, marker.Centre_px(), kind, reason});
   };
   std::vector<std::vector<FoundMarker>> of_face(board.faces.size());
   for (const FoundMarker& marker : found) {
@@ -168,7 +177,8 @@ MarkerChoice ChooseMarkers(std::vector<FoundMarker> found, const Board& board,
           return candidate.dictionary == marker.dictionary && candidate.HasMarker(marker.id);
         });
     if (face == board.faces.end()) {
-      reject(marker, "id " + std::to_string(marker.id) + " is on no face of the board");
+      reject(marker, "on no face of the board",
+             "id " + std::to_string(marker.id) + " is on no face of the board");
     } else {
       of_face[static_cast<size_t>(face - board.faces.begin())].push_back(marker);
     }
@@ -179,7 +189,8 @@ MarkerChoice ChooseMarkers(std::vector<FoundMarker> found, const Board& board,
       if (face.reason(i).empty()) {
         choice.accepted.push_back({static_cast<int>(f), of_face[f][i]});
       } else {
-        reject(of_face[f][i], "on face '" + board.faces[f].name + "': " + face.reason(i));
+        reject(of_face[f][i], face.kind(i),
+               "on face '" + board.faces[f].name + "': " + face.reason(i));
       }
     }
   }

@@ -265,6 +265,22 @@ void DropUnseen(const std::vector<FaceView>& kept, size_t min_corners, RigCalibr
   }
 }
 
+/// What was left out and why, each reason once.
+std::string Reasons(const RigCalibration& result) {
+  std::map<std::string, size_t> counts;
+  for (const DroppedPicture& dropped : result.dropped) {
+    ++counts[(dropped.camera ? "a picture " : "a shot: ") + dropped.reason];
+  }
+  for (const std::string& problem : result.camera_problem) {
+    if (!problem.empty()) ++counts["a camera: " + problem];
+  }
+  std::string text;
+  for (const auto& [reason, count] : counts) {
+    text += "; " + std::to_string(count) + " x " + reason;
+  }
+  return text;
+}
+
 /// Least squares over the corners within the threshold, until the set stays the same.
 Status AdjustFinally(const RigProblem& problem, const std::vector<FaceView>& views,
                      const RigCalibrationOptions& options, RigCalibration& result,
@@ -278,7 +294,8 @@ Status AdjustFinally(const RigProblem& problem, const std::vector<FaceView>& vie
     DropUnseen(result.kept, options.min_camera_corners, result);
     std::erase_if(result.kept, [&](const FaceView& view) { return !result.model.Has(view); });
     if (result.kept.empty()) {
-      return Error{ErrorCode::kFailed, "no camera sees enough corners that fit together", ""};
+      return Error{ErrorCode::kFailed,
+                   "no camera sees enough corners that fit together" + Reasons(result), ""};
     }
     if (CornerCount(result.kept) == before) break;
     before = CornerCount(result.kept);
@@ -395,20 +412,49 @@ void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration) {
   }
 }
 
-Status ChooseFrame(const BoardSightings& sightings, const RigCalibrationOptions& options,
-                   RigCalibration& result) {
-  if (options.frame_from == nullptr) {
-    for (const auto& shot : result.model.rig_from_board) {
-      if (!shot) continue;
-      ChangeFrame(shot->Inverse(), result);
-      return {};
-    }
-    return {};
+/// The shot that the rig frame is to hang on.
+Result<size_t> FrameShot(const BoardSightings& sightings, const RigFrameSetting& setting) {
+  if (setting.shot.empty()) return size_t{0};
+  for (size_t s = 0; s < sightings.shots.size(); ++s) {
+    if (sightings.shots[s].id == setting.shot) return s;
   }
+  return Error{ErrorCode::kBadInput,
+               "is \"" + setting.shot + "\", which is none of the shots given (the first is \"" +
+                   sightings.shots[0].id + "\"); give that shot too, or name another one",
+               "rig_frame.shot"};
+}
+
+/// The rig frame from the target's pose in the shot that is set, or, with a word of it, in the
+/// first one that was used.
+void HangFrame(const BoardSightings& sightings, const RigFrameSetting& setting, size_t shot,
+               RigCalibration& result) {
+  const auto& poses = result.model.rig_from_board;
+  size_t used = shot;
+  if (!poses[shot]) {
+    used = static_cast<size_t>(std::find_if(poses.begin(), poses.end(),
+                                            [](const auto& pose) { return pose.has_value(); }) -
+                               poses.begin());
+    if (used == poses.size()) return;
+    result.frame_problem = "the rig frame was to hang on the target in " +
+                           sightings.shots[shot].id + ", which was left out, and now hangs on " +
+                           sightings.shots[used].id +
+                           ": take that shot again, or keep the frame of an earlier calibration "
+                           "(--frame-from)";
+  }
+  result.frame = "the target in " + sightings.shots[used].id;
+  const Rigid3 rig_from_board = {
+      Eigen::Quaterniond(Eigen::AngleAxisd(setting.front_rad, Eigen::Vector3d::UnitZ())),
+      setting.board_origin_m};
+  ChangeFrame(rig_from_board * poses[used]->Inverse(), result);
+}
+
+Status AlignFrame(const BoardSightings& sightings, const RigCalibrationOptions& options,
+                  RigCalibration& result) {
   const Result<Rigid3> alignment =
       AlignRigs(*options.frame_from, AsCalibration(result, sightings), {});
   if (!alignment) return alignment.error().In("rig frame of the earlier calibration");
   ChangeFrame(*alignment, result);
+  result.frame = "the earlier calibration's";
   return {};
 }
 
@@ -423,12 +469,31 @@ Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>
   return adjusted;
 }
 
+Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration& other,
+                   size_t least) {
+  const auto shared = static_cast<size_t>(std::count_if(
+      cameras.begin(), cameras.end(),
+      [&](const SightedCamera& camera) { return other.Find(camera.camera) != nullptr; }));
+  if (shared >= least) return {};
+  return Error{
+      ErrorCode::kBadInput,
+      "has " + std::to_string(shared) + " of the shots' " + std::to_string(cameras.size()) +
+          " cameras (the first: " + (cameras.empty() ? "none" : cameras[0].camera) +
+          ", there: " + (other.cameras.empty() ? "none" : other.cameras[0].camera) +
+          "), at least " + std::to_string(least) + " are needed: is it another rig's calibration?",
+      "earlier calibration"};
+}
+
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
                                     const RigCalibrationOptions& options, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(board.Validate());
   RigCalibration result;
   result.found = ViewsOf(sightings);
   ROTUNDA_RETURN_IF_ERROR(CheckSightings(sightings, result.found));
+  ROTUNDA_ASSIGN_OR_RETURN(const size_t frame_shot, FrameShot(sightings, board.rig_frame));
+  if (options.frame_from != nullptr) {
+    ROTUNDA_RETURN_IF_ERROR(CheckShared(sightings.cameras, *options.frame_from, 1));
+  }
   ROTUNDA_ASSIGN_OR_RETURN(const auto known, KnownIntrinsics(sightings, options.intrinsics_from));
   result.free.intrinsics = options.intrinsics_from == nullptr;
   result.free.rational = options.model == LensModel::kFullOpencv;
@@ -465,7 +530,11 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   result.noise = std::sqrt(NoiseVariance(problem, result.kept, result.model, result.free));
   ROTUNDA_ASSIGN_OR_RETURN(result.uncertainty, UncertaintyOf(problem, sightings, result, context));
   ExplainMissing(sightings, result);
-  ROTUNDA_RETURN_IF_ERROR(ChooseFrame(sightings, options, result));
+  if (options.frame_from == nullptr) {
+    HangFrame(sightings, board.rig_frame, frame_shot, result);
+  } else {
+    ROTUNDA_RETURN_IF_ERROR(AlignFrame(sightings, options, result));
+  }
   context.Report("adjustment", 1, 1);
   return result;
 }

@@ -22,7 +22,7 @@ struct RigCalibrationOptions {
   /// Holds the intrinsics of these cameras, and takes the target's geometry found then as prior.
   const Calibration* intrinsics_from = nullptr;
   /// Rig frame: that of this calibration, by a rigid fit that cameras which moved do not drag;
-  /// else the board's frame in the first shot.
+  /// else as Board::rig_frame says.
   const Calibration* frame_from = nullptr;
   CalibrationStartOptions start;
   /// How many good corners may be lost to the outlier threshold, in all pictures together.
@@ -55,9 +55,16 @@ struct RigCalibration {
   std::vector<DroppedPicture> dropped;
   std::vector<FacePrior> priors;
   std::vector<Eigen::MatrixXd> held_intrinsics;  // as BuildUncertainty takes it
+  std::string frame;  // what the rig frame hangs on: "the target in placement_00"
+  /// Why it does not hang on what was set, and what to do; empty when it does.
+  std::string frame_problem;
   /// The faces stand otherwise than the board file draws them: they were found from the pictures.
   bool drawing_refused = false;
 };
+
+/// kBadInput unless `other` has at least `least` of the cameras: known before anything is solved.
+Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration& other,
+                   size_t least);
 
 /// Joint adjustment of all cameras, shots and faces: start, robust rounds, whole pictures and shots
 /// that do not fit taken out, then corners beyond the threshold that the noise itself gives, until

@@ -10,8 +10,9 @@ namespace rotunda::rig {
 
 /// How well the pictures determine a camera.
 struct CameraUncertainty {
-  /// Of its unknowns (kPoseSize and the intrinsics' parameters, as in NormalEquations); held ones
-  /// have rows and columns of 0.
+  /// Of its unknowns (kPoseSize and the intrinsics' parameters, as in NormalEquations). Held
+  /// intrinsics have the covariance they were given (`held_intrinsics` of BuildUncertainty), with
+  /// its effect on the pose; without one, and for all else that is held, rows and columns are 0.
   Eigen::MatrixXd covariance;
   PoseSigma sigma;
   /// One standard deviation of where a point of the rig frame appears, root of the sum over both

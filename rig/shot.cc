@@ -4,15 +4,10 @@
 #include <cmath>
 #include <cstdio>
 
+#include "sfm/core/statistics.h"
+
 namespace rotunda::rig {
 namespace {
-
-template <typename T>
-T MedianOf(std::vector<T> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 std::string Fixed(double value) {
   char text[32];
@@ -89,7 +84,12 @@ void JudgeSkew(double limit_us, Shot& shot) {
   }
   shot.skew = {};
   if (times_ns.empty()) return;
-  const int64_t median_ns = MedianOf(std::move(times_ns));
+  // From the first: a double holds differences exactly, but not times of 10^18 ns.
+  std::vector<double> since_ns;
+  for (const int64_t time_ns : times_ns) {
+    since_ns.push_back(static_cast<double>(time_ns - times_ns[0]));
+  }
+  const int64_t median_ns = times_ns[0] + static_cast<int64_t>(Median(std::move(since_ns)));
   std::vector<double> sizes_us;
   for (CameraShot& each : shot.cameras) {
     if (!each.exposed_ns) continue;
@@ -106,7 +106,7 @@ void JudgeSkew(double limit_us, Shot& shot) {
                     " the others, allowed are " + Fixed(limit_us) + " us";
     }
   }
-  shot.skew.median_us = MedianOf(std::move(sizes_us));
+  shot.skew.median_us = Median(std::move(sizes_us));
 }
 
 bool FrameIdCheck::Accept(uint64_t id) {

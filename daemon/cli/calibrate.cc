@@ -23,6 +23,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr size_t kWorstCameras = 5;  // that are named
+
 struct CalibrateArguments {
   std::vector<fs::path> framesets;
   fs::path board;
@@ -92,6 +94,7 @@ std::vector<std::string> Notes(const rig::BoardSightings& sightings,
                                const rig::RigCalibration& result,
                                const std::vector<rig::CameraCheck>& checks) {
   std::vector<std::string> notes;
+  if (!result.frame_problem.empty()) notes.push_back(result.frame_problem);
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
     const std::string& name = sightings.cameras[c].camera;
     if (!result.camera_problem[c].empty()) {
@@ -140,10 +143,32 @@ std::vector<std::string> Changes(const rig::CalibrationComparison& comparison) {
 struct Outcome {
   Calibration calibration;
   size_t cameras = 0, shots = 0, shots_used = 0;
+  std::string frame;
+  std::vector<rig::RejectedCount> rejected;
   std::vector<std::string> notes;
   std::optional<std::vector<std::string>> changes;
   std::vector<StageCost> costs;
 };
+
+/// "7 x seen twice (most: c03r2 4, c04r2 3)".
+std::string RejectedText(const rig::RejectedCount& rejected) {
+  std::string worst;
+  for (size_t i = 0; i < std::min(kWorstCameras, rejected.cameras.size()); ++i) {
+    const auto& [camera, count] = rejected.cameras[i];
+    worst += (worst.empty() ? "" : ", ") + camera + " " + std::to_string(count);
+  }
+  return std::to_string(rejected.count) + " x " + rejected.kind + " (most: " + worst + ")";
+}
+
+nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejected) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const rig::RejectedCount& count : rejected) {
+    nlohmann::ordered_json cameras = nlohmann::ordered_json::object();
+    for (const auto& [camera, markers] : count.cameras) cameras[camera] = markers;
+    list.push_back({{"reason", count.kind}, {"count", count.count}, {"cameras", cameras}});
+  }
+  return list;
+}
 
 void PrintJson(const CalibrateArguments& arguments, const Outcome& outcome) {
   nlohmann::ordered_json stages = nlohmann::ordered_json::array();
@@ -161,6 +186,8 @@ void PrintJson(const CalibrateArguments& arguments, const Outcome& outcome) {
       {"noise", residuals.noise}};
   if (residuals.held_out_rms_px) result["held_out_rms_px"] = *residuals.held_out_rms_px;
   if (residuals.held_out_p95_px) result["held_out_p95_px"] = *residuals.held_out_p95_px;
+  result["rig_frame"] = outcome.frame;
+  result["rejected_markers"] = RejectedJson(outcome.rejected);
   result["notes"] = outcome.notes;
   if (outcome.changes) result["changes"] = *outcome.changes;
   result["stages"] = stages;
@@ -205,6 +232,10 @@ void PrintTable(const CalibrateArguments& arguments, const Outcome& outcome) {
         "uncertainty says\n",
         *residuals.half_split_rotation_ratio, *residuals.half_split_position_ratio);
   }
+  std::printf("rig frame              %s\n", outcome.frame.c_str());
+  for (const rig::RejectedCount& rejected : outcome.rejected) {
+    std::printf("markers not used       %s\n", RejectedText(rejected).c_str());
+  }
   for (const std::string& note : outcome.notes) std::printf("  note: %s\n", note.c_str());
   if (outcome.changes && outcome.changes->empty()) {
     std::printf("Since the calibration compared with, no camera moved.\n");
@@ -220,12 +251,26 @@ void PrintTable(const CalibrateArguments& arguments, const Outcome& outcome) {
   if (arguments.report) std::printf("Report:      %s\n", arguments.report->c_str());
 }
 
+/// The error, with the file that it is about.
+Status CheckFile(const Status& status, const fs::path& file) {
+  return status.ok() ? status : Status(status.error().In(file.string()));
+}
+
 Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& common) {
   ROTUNDA_ASSIGN_OR_RETURN(const rig::Board board, config::ReadBoard(arguments.board));
   ROTUNDA_ASSIGN_OR_RETURN(const auto intrinsics_from, ReadOptional(arguments.intrinsics_from));
   ROTUNDA_ASSIGN_OR_RETURN(const auto frame_from, ReadOptional(arguments.frame_from));
   ROTUNDA_ASSIGN_OR_RETURN(const auto before, ReadOptional(arguments.compare));
   ROTUNDA_ASSIGN_OR_RETURN(const rig::ShotPictures pictures, rig::FindShots(arguments.framesets));
+
+  if (before) {
+    ROTUNDA_RETURN_IF_ERROR(CheckFile(
+        rig::CheckShared(pictures.cameras, *before, rig::kMinComparedCameras), *arguments.compare));
+  }
+  if (frame_from) {
+    ROTUNDA_RETURN_IF_ERROR(
+        CheckFile(rig::CheckShared(pictures.cameras, *frame_from, 1), *arguments.frame_from));
+  }
 
   ThreadPool threads(common.threads);
   ProgressLine progress(!common.json);
@@ -251,6 +296,8 @@ Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& commo
   outcome.cameras = sightings.cameras.size();
   outcome.shots = sightings.shots.size();
   for (const auto& shot : result.model.rig_from_board) outcome.shots_used += shot.has_value();
+  outcome.frame = result.frame;
+  outcome.rejected = rig::CountRejected(sightings);
   outcome.notes = Notes(sightings, result, checks);
   std::optional<rig::CalibrationComparison> comparison;
   if (before) {
@@ -306,7 +353,8 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
   command
       ->add_option("--frame-from", arguments->frame_from,
                    "Rig frame of this calibration (cameras that moved do not drag it); default: "
-                   "the target in the first shot")
+                   "the target in the shot that [rig_frame] of the board file names, else in the "
+                   "first one")
       ->type_name("FILE");
   command
       ->add_option("--compare", arguments->compare,

@@ -4,7 +4,6 @@
 #include <vector>
 
 #include "rig/board.h"
-#include "rig/sim/texture.h"
 #include "rig/sim/world.h"
 #include "sfm/core/result.h"
 #include "sfm/core/rigid3.h"
@@ -22,15 +21,6 @@ struct BoardErrors {
 
 /// The faces of the physical target of this seed; `scale` times the errors, 0: as drawn.
 std::vector<CalibratedFace> DrawBoard(const rig::Board& board, double scale, uint64_t seed);
-
-/// The board printed on a face, with its margin. Squares are a whole number of texels, so that
-/// nothing is rounded: texel = offset_texels + texels_per_m * metres in the face's frame.
-struct FacePrint {
-  Picture picture;
-  double texels_per_m = 0;
-  double offset_texels = 0;
-};
-Result<FacePrint> DrawFace(const rig::BoardFace& face);
 
 /// Where the target stands in shot `placement`: 0 upright on the axis, its frame the rig's; others
 /// turned, shifted and a little tilted.

@@ -190,6 +190,7 @@ class CameraRenderer {
     const Vector3f highlight = Highlight(s, direction);
     SurfacePoint sample = s.point;
     sample.footprint_m = s.footprint_m / kLightSamples;
+    std::array<Vector3f, kParts> positions;
     for (int i = 0; i < kParts; ++i) {
       const Vector2f at = GridPoint(i, kLightSamples);
       const Vector3f ray =
@@ -197,8 +198,17 @@ class CameraRenderer {
       const float facing = plane.dot(ray);
       // A plane seen edge-on may meet the neighbouring ray far away.
       const float distance = std::abs(facing) > 0.05f ? height / facing : hit.distance;
-      sample.position = rays_.origin() + distance * ray;
-      if (!s.object->mesh.uvs.empty()) sample.uv = UvAt(s, sample.position);
+      positions[i] = rays_.origin() + distance * ray;
+    }
+    const bool has_uv = !s.object->mesh.uvs.empty();
+    if (has_uv) {
+      const Vector2f first = UvAt(s, positions[0]);
+      sample.uv_footprint = (UvAt(s, positions[1]) - first).cwiseAbs() +
+                            (UvAt(s, positions[kLightSamples]) - first).cwiseAbs();
+    }
+    for (int i = 0; i < kParts; ++i) {
+      sample.position = positions[i];
+      if (has_uv) sample.uv = UvAt(s, sample.position);
       light[i] = s.light * s.object->paint->Albedo(sample) + highlight;
     }
     return light;

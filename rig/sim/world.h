@@ -15,6 +15,8 @@ struct SurfacePoint {
   Eigen::Vector2f uv;        // of the mesh, (0, 0) when it has none
   uint8_t material = 0;
   float footprint_m = 0;  // size of a sample on the surface
+  /// Size of a sample along u and v, where it is known better than by the footprint; else (0, 0).
+  Eigen::Vector2f uv_footprint = Eigen::Vector2f::Zero();
 };
 
 /// Colour of a surface.

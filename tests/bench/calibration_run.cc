@@ -91,22 +91,29 @@ void PrintTruthHeading() {
       "rotation position    %%    RMS     P95   rot.  pos.\n");
 }
 
-void PrintAgainstTruth(const rig::Board& board, const CalibrationRun& run, const Calibration& truth,
-                       const std::string& name) {
+TruthErrors PrintAgainstTruth(const rig::Board& board, const CalibrationRun& run,
+                              const Calibration& truth, const std::string& name) {
   const Evaluation errors = OrDie(EvaluateCalibration(run.file, truth));
+  const TruthErrors means = {
+      static_cast<double>(errors.registered) / static_cast<double>(errors.of),
+      errors.mean_rotation_deg,
+      errors.mean_position_mm,
+      MeanFocalError_percent(run.file, truth),
+      test::BoardError_mm(board, run.result.model.faces, truth.board),
+      std::pow(*errors.rotation_error_over_sigma, 2),
+      std::pow(*errors.position_error_over_sigma, 2)};
   const CalibrationResiduals& residuals = *run.file.residuals;
   std::printf(
       "%-18s %3zu/%-3zu  %8.5f %8.5f  %7.4f %7.4f  %6.4f %6.4f %9.2f %8.2f  %5.1f  %6.4f %6.4f  "
       "%5.2f %5.2f\n",
       name.c_str(), errors.registered, errors.of, errors.mean_rotation_deg, errors.max_rotation_deg,
-      errors.mean_position_mm, errors.max_position_mm, MeanFocalError_percent(run.file, truth),
-      test::BoardError_mm(board, run.result.model.faces, truth.board),
-      std::pow(*errors.rotation_error_over_sigma, 2),
-      std::pow(*errors.position_error_over_sigma, 2),
+      errors.mean_position_mm, errors.max_position_mm, means.focal_percent, means.board_mm,
+      means.rotation_ratio, means.position_ratio,
       100 * static_cast<double>(residuals.kept) / static_cast<double>(residuals.corners),
       run.validation.held_out_rms_px, run.validation.held_out_p95_px,
       run.validation.rotation_ratio.value_or(NAN), run.validation.position_ratio.value_or(NAN));
   std::fflush(stdout);
+  return means;
 }
 
 }  // namespace rotunda::bench

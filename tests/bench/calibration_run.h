@@ -35,9 +35,16 @@ struct TimedSightings {
 TimedSightings Detect(const std::filesystem::path& folder, const rig::Board& board,
                       ThreadPool& threads);
 
+/// Means over the cameras.
+struct TruthErrors {
+  double found = 0;  // share of the cameras
+  double rotation_deg = 0, position_mm = 0, focal_percent = 0, board_mm = 0;
+  double rotation_ratio = 0, position_ratio = 0;  // (measured / predicted)^2
+};
+
 /// A row of errors, under the heading.
 void PrintTruthHeading();
-void PrintAgainstTruth(const rig::Board& board, const CalibrationRun& run, const Calibration& truth,
-                       const std::string& name);
+TruthErrors PrintAgainstTruth(const rig::Board& board, const CalibrationRun& run,
+                              const Calibration& truth, const std::string& name);
 
 }  // namespace rotunda::bench

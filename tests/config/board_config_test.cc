@@ -25,7 +25,20 @@ TEST(BoardConfig, ShippedCuboidHoldsTheDefaults) {
     EXPECT_LT((a.board_from_face.Matrix() - b.board_from_face.Matrix()).norm(), 1e-12);
   }
   EXPECT_NEAR(cuboid->bow_sigma_m, defaults.bow_sigma_m, 1e-15);
+  EXPECT_EQ(cuboid->rig_frame.shot, defaults.rig_frame.shot);
+  EXPECT_EQ(cuboid->rig_frame.board_origin_m, defaults.rig_frame.board_origin_m);
+  EXPECT_EQ(cuboid->rig_frame.front_rad, defaults.rig_frame.front_rad);
   EXPECT_NEAR(cuboid->face_position_sigma_m, defaults.face_position_sigma_m, 1e-15);
+}
+
+TEST(BoardConfig, TheRigFrameIsRead) {
+  const auto board = ParseBoard(
+      "[rig_frame]\nshot = \"placement_03\"\nboard_origin_mm = [10, 0, -5]\nfront_deg = 90\n",
+      "a file");
+  ASSERT_TRUE(board) << board.error().ToString();
+  EXPECT_EQ(board->rig_frame.shot, "placement_03");
+  EXPECT_LT((board->rig_frame.board_origin_m - Eigen::Vector3d(0.01, 0, -0.005)).norm(), 1e-15);
+  EXPECT_NEAR(board->rig_frame.front_rad, kPi / 2, 1e-15);
 }
 
 TEST(BoardConfig, EveryShippedBoardIsAccepted) {

@@ -280,8 +280,8 @@ TEST_F(RenderedCuboid, CornersAreFoundWithoutBias) {
   ASSERT_GT(visible, 250u);
   EXPECT_GT(n, 0.97 * static_cast<double>(visible));
   EXPECT_LT((sum / n).norm(), 0.003);
-  EXPECT_LT(std::sqrt(squares / n / 2), 0.012);
-  EXPECT_LT(worst, 0.1);
+  EXPECT_LT(std::sqrt(squares / n / 2), 0.004);
+  EXPECT_LT(worst, 0.04);
 }
 
 /// A camera that stands upright `turn_deg` about the axis from the front face, a crop of the rig's.
@@ -326,9 +326,9 @@ TEST_F(RenderedCuboid, PixelsDoNotDrawCornersTowardsThem) {
     std::printf(
         "%2.0f deg: %3.0f corners, RMS %.4f %.4f px, locked %.4f %.4f px, error/sigma %.2f\n",
         turn_deg, n, rms.x(), rms.y(), locked.x() / n, locked.y() / n, std::sqrt(ratio / n));
-    EXPECT_LT((locked / n).cwiseAbs().maxCoeff(), 0.015) << turn_deg;
-    EXPECT_LT(rms.maxCoeff(), 0.016) << turn_deg;
-    EXPECT_LT(std::sqrt(ratio / n), 1.2) << turn_deg;
+    EXPECT_LT((locked / n).cwiseAbs().maxCoeff(), 0.003) << turn_deg;
+    EXPECT_LT(rms.maxCoeff(), 0.005) << turn_deg;
+    EXPECT_LT(std::sqrt(ratio / n), 1.0) << turn_deg;
   }
 }
 

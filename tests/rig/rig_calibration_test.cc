@@ -231,6 +231,54 @@ TEST(RigCalibration, AShotInWhichTheBoardMovedIsLeftOutByName) {
   EXPECT_LT(errors->mean_position_mm, 0.25);
 }
 
+TEST(RigCalibration, TheFrameIsWhereTheBoardFileSaysAndSaysWhenItCannotBe) {
+  ProjectedRig world = ProjectCorners(SmallRig(14));
+  world.board.rig_frame = {world.sightings.shots[1].id, {0.1, -0.2, 0.05}, RadFromDeg(30)};
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  EXPECT_EQ(result->frame_problem, "");
+  EXPECT_EQ(result->frame, "the target in " + world.sightings.shots[1].id);
+  const Rigid3& placed = *result->model.rig_from_board[1];
+  EXPECT_LT((placed.translation - Eigen::Vector3d(0.1, -0.2, 0.05)).norm(), 1e-9);
+  EXPECT_LT(
+      (placed.rotation * Eigen::Vector3d::UnitX() - Eigen::Vector3d(std::cos(kPi / 6), 0.5, 0))
+          .norm(),
+      1e-9);
+
+  Rigid3 later = world.rig_from_board[1];
+  later.translation += Eigen::Vector3d(0.003, -0.002, 0);
+  for (size_t c = 0; c < world.truth.cameras.size(); c += 2) {
+    Replace(world, 1, c, world.truth.cameras[c], later);
+  }
+  const auto without = Calibrate(world);
+  ASSERT_TRUE(without.ok()) << without.error().ToString();
+  EXPECT_EQ(without->frame, "the target in " + world.sightings.shots[0].id);
+  EXPECT_NE(without->frame_problem.find(world.sightings.shots[1].id), std::string::npos)
+      << without->frame_problem;
+
+  world.board.rig_frame.shot = "yesterday";
+  const auto refused = Calibrate(world);
+  ASSERT_FALSE(refused.ok());
+  EXPECT_NE(refused.error().ToString().find("yesterday"), std::string::npos);
+}
+
+TEST(RigCalibration, AnotherRigsCalibrationIsRefusedBeforeAnythingIsSolved) {
+  const ProjectedRig world = ProjectCorners(SmallRig(14));
+  Calibration other = world.truth;
+  for (CalibratedCamera& camera : other.cameras) camera.camera = "x" + camera.camera;
+  const Status shared = CheckShared(world.sightings.cameras, other, 1);
+  ASSERT_FALSE(shared.ok());
+  EXPECT_NE(shared.error().ToString().find("another rig"), std::string::npos);
+  RigCalibrationOptions options;
+  options.frame_from = &other;
+  ThreadPool pool(1);
+  bool started = false;
+  RunContext context{pool, {}, [&](std::string_view, size_t, size_t) { started = true; }};
+  EXPECT_FALSE(CalibrateRig(world.board, world.sightings, options, context).ok());
+  EXPECT_FALSE(started);
+  EXPECT_TRUE(CheckShared(world.sightings.cameras, world.truth, 30).ok());
+}
+
 TEST(RigCalibration, TwoCamerasSwappedInOneShotAreNamed) {
   ProjectedRig world = ProjectCorners(SmallRig(11));
   auto& row = world.sightings.sightings[3];
