@@ -1,5 +1,4 @@
 #include <gtest/gtest.h>
-#include <sqlite3.h>
 
 #include <cmath>
 #include <cstring>
@@ -8,70 +7,17 @@
 
 #include "sfm/colmap_io.h"
 #include "sfm/core/file_io.h"
+#include "tests/support/colmap_database_writer.h"
 #include "tests/support/process.h"
 
 namespace rotunda::sfm {
 namespace {
 
 namespace fs = std::filesystem;
+using test::ColmapDatabaseWriter;
+using test::ColmapPairId;
 using test::RunProcess;
 using test::TemporaryFolder;
-
-/// COLMAP 3.8, src/base/database.cc.
-constexpr char kSchema[] = R"(
-CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT NULL,
-  width INTEGER NOT NULL, height INTEGER NOT NULL, params BLOB, prior_focal_length INTEGER NOT NULL);
-CREATE TABLE images (image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, name TEXT NOT NULL UNIQUE,
-  camera_id INTEGER NOT NULL, prior_qw REAL, prior_qx REAL, prior_qy REAL, prior_qz REAL,
-  prior_tx REAL, prior_ty REAL, prior_tz REAL);
-CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB);
-CREATE TABLE descriptors (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB);
-CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB);
-CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB,
-  tvec BLOB);
-)";
-
-/// Writes a database the way COLMAP does.
-class Writer {
- public:
-  explicit Writer(const fs::path& file) {
-    EXPECT_EQ(sqlite3_open(file.c_str(), &database_), SQLITE_OK);
-    Run("PRAGMA synchronous = OFF");
-    Run(kSchema);
-  }
-  ~Writer() { sqlite3_close(database_); }
-
-  void Run(const std::string& sql) {
-    char* message = nullptr;
-    EXPECT_EQ(sqlite3_exec(database_, sql.c_str(), nullptr, nullptr, &message), SQLITE_OK)
-        << (message == nullptr ? "" : message);
-  }
-  template <typename T>
-  void Put(const std::string& table, int64_t id, int64_t rows, int64_t cols,
-           const std::vector<T>& data) {
-    const bool two_view = table == "two_view_geometries";
-    const std::string sql = "INSERT INTO " + table + " VALUES (?, ?, ?, ?" +
-                            (two_view ? ", 2, NULL, NULL, NULL, NULL, NULL)" : ")");
-    sqlite3_stmt* statement = nullptr;
-    ASSERT_EQ(sqlite3_prepare_v2(database_, sql.c_str(), -1, &statement, nullptr), SQLITE_OK);
-    sqlite3_bind_int64(statement, 1, id);
-    sqlite3_bind_int64(statement, 2, rows);
-    sqlite3_bind_int64(statement, 3, cols);
-    sqlite3_bind_blob(statement, 4, data.data(), static_cast<int>(data.size() * sizeof(T)),
-                      SQLITE_TRANSIENT);
-    EXPECT_EQ(sqlite3_step(statement), SQLITE_DONE);
-    sqlite3_finalize(statement);
-  }
-
- private:
-  sqlite3* database_ = nullptr;
-};
-
-int64_t PairId(int64_t smaller, int64_t larger) { return 2147483647 * smaller + larger; }
 
 /// Frames a, b, c; in the database c has id 1 and a has id 3.
 FrameSet MakeSet() {
@@ -86,7 +32,7 @@ FrameSet MakeSet() {
   return set;
 }
 
-void PutImages(Writer& writer) {
+void PutImages(ColmapDatabaseWriter& writer) {
   writer.Run(
       "INSERT INTO cameras VALUES (7, 4, 1200, 1600, x'00', 0);"
       "INSERT INTO images (image_id, name, camera_id) VALUES (1, 'frames/c.png', 7);"
@@ -95,7 +41,7 @@ void PutImages(Writer& writer) {
       "INSERT INTO images (image_id, name, camera_id) VALUES (4, 'another.png', 7);");
 }
 
-void PutFeatures(Writer& writer) {
+void PutFeatures(ColmapDatabaseWriter& writer) {
   writer.Put<float>("keypoints", 1, 2, 2, {10.5F, 20.5F, 30, 40});
   writer.Put<float>("keypoints", 2, 1, 4, {11, 21, 3.5F, -0.25F});
   const float c = 3 * std::cos(0.7F), s = 3 * std::sin(0.7F);
@@ -107,19 +53,19 @@ void PutFeatures(Writer& writer) {
   writer.Put<uint8_t>("descriptors", 3, 3, kDescriptorSize, descriptors);
 }
 
-void PutMatches(Writer& writer) {
-  writer.Put<uint32_t>("matches", PairId(1, 3), 2, 2, {1, 0, 0, 2});
-  writer.Put<uint32_t>("matches", PairId(2, 3), 1, 2, {0, 1});
-  writer.Put<uint32_t>("matches", PairId(1, 2), 0, 2, {});
-  writer.Put<uint32_t>("matches", PairId(3, 4), 1, 2, {0, 0});
-  writer.Put<uint32_t>("two_view_geometries", PairId(1, 3), 1, 2, {0, 2});
-  writer.Put<uint32_t>("two_view_geometries", PairId(2, 3), 0, 0, {});
+void PutMatches(ColmapDatabaseWriter& writer) {
+  writer.Put<uint32_t>("matches", ColmapPairId(1, 3), 2, 2, {1, 0, 0, 2});
+  writer.Put<uint32_t>("matches", ColmapPairId(2, 3), 1, 2, {0, 1});
+  writer.Put<uint32_t>("matches", ColmapPairId(1, 2), 0, 2, {});
+  writer.Put<uint32_t>("matches", ColmapPairId(3, 4), 1, 2, {0, 0});
+  writer.Put<uint32_t>("two_view_geometries", ColmapPairId(1, 3), 1, 2, {0, 2});
+  writer.Put<uint32_t>("two_view_geometries", ColmapPairId(2, 3), 0, 0, {});
 }
 
 TEST(ColmapDatabase, GivesFeaturesAndMatchesOfTheFrames) {
   const TemporaryFolder folder;
   {
-    Writer writer(folder / "database.db");
+    ColmapDatabaseWriter writer(folder / "database.db");
     PutImages(writer);
     PutFeatures(writer);
     PutMatches(writer);
@@ -161,7 +107,7 @@ TEST(ColmapDatabase, TakesAnOddFileName) {
   const TemporaryFolder folder;
   const fs::path file = folder / "a b?mode=rw#%20\xc3\xa9.db";
   {
-    Writer writer(file);
+    ColmapDatabaseWriter writer(file);
     PutImages(writer);
   }
   const auto database = ReadColmapDatabase(file, MakeSet());
@@ -171,7 +117,7 @@ TEST(ColmapDatabase, TakesAnOddFileName) {
 TEST(ColmapDatabase, LeavesTheFileAlone) {
   const TemporaryFolder folder;
   {
-    Writer writer(folder / "database.db");
+    ColmapDatabaseWriter writer(folder / "database.db");
     PutImages(writer);
   }
   const std::string before = *ReadFile(folder / "database.db");
@@ -182,79 +128,84 @@ TEST(ColmapDatabase, LeavesTheFileAlone) {
 
 struct BadDatabase {
   const char* name;
-  std::function<void(Writer&)> change;
+  std::function<void(ColmapDatabaseWriter&)> change;
   const char* error;  // after the file's name
 };
 
 TEST(ColmapDatabase, NamesFileTableAndRow) {
   const std::vector<BadDatabase> table = {
       {"blob",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          w.Put<float>("keypoints", 1, 5, 2, {1, 2});
        },
        "keypoints: row 1: data has 8 bytes, expected 5 rows x 2 cols x 4 bytes"},
       {"negative",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          w.Put<float>("keypoints", 1, -1, -2, {1, 2});
        },
        "keypoints: row 1: data has 8 bytes, expected -1 rows x -2 cols x 4 bytes"},
-      {"overflow", [](Writer& w) { w.Put<float>("keypoints", 1, int64_t{1} << 62, 4, {}); },
+      {"overflow",
+       [](ColmapDatabaseWriter& w) { w.Put<float>("keypoints", 1, int64_t{1} << 62, 4, {}); },
        "keypoints: row 1: data has 0 bytes, expected 4611686018427387904 rows x 4 cols x 4 bytes"},
       {"cols",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          w.Put<float>("keypoints", 1, 1, 3, {1, 2, 3});
        },
        "keypoints: row 1: expected 2, 4 or 6 columns, found 3"},
       {"nan",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          w.Put<float>("keypoints", 1, 2, 2, {1, 2, NAN, 4});
        },
        "keypoints: row 1: keypoint 1 is not finite numbers"},
       {"descriptors",
-       [](Writer& w) { w.Put<uint8_t>("descriptors", 1, 1, 128, std::vector<uint8_t>(128)); },
+       [](ColmapDatabaseWriter& w) {
+         w.Put<uint8_t>("descriptors", 1, 1, 128, std::vector<uint8_t>(128));
+       },
        "descriptors: row 1: expected 0 descriptors of 128 bytes, found 1 of 128"},
       {"match",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          PutFeatures(w);
-         w.Put<uint32_t>("matches", PairId(1, 3), 1, 2, {1, 3});
+         w.Put<uint32_t>("matches", ColmapPairId(1, 3), 1, 2, {1, 3});
        },
        "matches: row 1: match 0 is 1 - 3, but the images have 2 and 3 keypoints"},
       {"columns of matches",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          PutFeatures(w);
-         w.Put<uint32_t>("matches", PairId(1, 3), 2, 1, {1, 1});
+         w.Put<uint32_t>("matches", ColmapPairId(1, 3), 2, 1, {1, 1});
        },
        "matches: row 1: expected 2 columns, found 1"},
       {"itself",
-       [](Writer& w) {
-         w.Put<uint32_t>("matches", PairId(3, 3), 1, 2, {0, 0});
+       [](ColmapDatabaseWriter& w) {
+         w.Put<uint32_t>("matches", ColmapPairId(3, 3), 1, 2, {0, 0});
        },
        "matches: row 1: is a pair of one image with itself"},
-      {"missing", [](Writer& w) { w.Run("DELETE FROM images WHERE image_id = 2"); },
+      {"missing", [](ColmapDatabaseWriter& w) { w.Run("DELETE FROM images WHERE image_id = 2"); },
        "has no image named \"frames/b.png\" (camera \"b\")"},
       {"twice",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          w.Run("INSERT INTO images (image_id, name, camera_id) VALUES (9, 'x/b.png', 7)");
        },
        "images: row 5: \"x/b.png\" is the second image for file \"frames/b.png\""},
-      {"no camera", [](Writer& w) { w.Run("UPDATE images SET camera_id = 1 WHERE image_id = 2"); },
+      {"no camera",
+       [](ColmapDatabaseWriter& w) { w.Run("UPDATE images SET camera_id = 1 WHERE image_id = 2"); },
        "images: row 2: \"frames/b.png\" has size 0x0, expected a positive size"},
-      {"no table", [](Writer& w) { w.Run("DROP TABLE matches"); },
+      {"no table", [](ColmapDatabaseWriter& w) { w.Run("DROP TABLE matches"); },
        "is not a COLMAP database: it has no table matches"},
       {"view",
-       [](Writer& w) {
+       [](ColmapDatabaseWriter& w) {
          w.Run(
              "DROP TABLE matches; CREATE VIEW matches AS SELECT 1 AS pair_id, 0 AS rows, 0 AS "
              "cols, NULL AS data");
        },
        "is not a COLMAP database: it has no table matches"},
-      {"no column", [](Writer& w) { w.Run("ALTER TABLE matches RENAME COLUMN cols TO columns"); },
+      {"no column",
+       [](ColmapDatabaseWriter& w) { w.Run("ALTER TABLE matches RENAME COLUMN cols TO columns"); },
        "matches: is not COLMAP's: no such column: cols"},
   };
   for (const BadDatabase& bad : table) {
     const TemporaryFolder folder;
     {
-      Writer writer(folder / "database.db");
+      ColmapDatabaseWriter writer(folder / "database.db");
       PutImages(writer);
       bad.change(writer);
     }
@@ -275,7 +226,7 @@ TEST(ColmapDatabase, RefusesWhatIsNoDatabase) {
   EXPECT_EQ(text.error().ToString(),
             (folder / "text.db").string() + ": is not a database: file is not a database");
   {
-    Writer writer(folder / "open.db");
+    ColmapDatabaseWriter writer(folder / "open.db");
     PutImages(writer);
   }
   std::ofstream(folder / "open.db-wal") << "log";
@@ -286,7 +237,7 @@ TEST(ColmapDatabase, RefusesWhatIsNoDatabase) {
 TEST(ColmapDatabase, ChecksTheSizeOfThePictures) {
   const TemporaryFolder folder;
   {
-    Writer writer(folder / "database.db");
+    ColmapDatabaseWriter writer(folder / "database.db");
     PutImages(writer);
   }
   FrameSet set = MakeSet();
@@ -302,7 +253,7 @@ TEST(ColmapDatabase, ChecksTheSizeOfThePictures) {
 TEST(ColmapDatabase, AFrameThatIsNotOkNeedsNoImage) {
   const TemporaryFolder folder;
   {
-    Writer writer(folder / "database.db");
+    ColmapDatabaseWriter writer(folder / "database.db");
     PutImages(writer);
   }
   FrameSet set = MakeSet();
