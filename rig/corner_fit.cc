@@ -150,15 +150,17 @@ class CornerModel {
   CornerModel(const std::vector<Sample>& samples, bool top_left_black)
       : samples_(samples), sign_(top_left_black ? -1.0 : 1.0) {}
 
-  /// Sum of squares; J'J and J'r when `normal` is given.
-  double Evaluate(const Vector& p, Matrix* normal, Vector* gradient) const {
+  struct Evaluation {
+    double squares = 0;
+    Matrix normal = Matrix::Zero();  // J'J, lower half
+    Vector gradient = Vector::Zero();
+  };
+  Evaluation Evaluate(const Vector& p) const {
     const Eigen::Vector2d n1(std::cos(p[kAngle1]), std::sin(p[kAngle1]));
     const Eigen::Vector2d n2(std::cos(p[kAngle2]), std::sin(p[kAngle2]));
     const EdgeProfile profile1(n1, p[kBlur]), profile2(n2, p[kBlur]);
     const ToneCurve tone(p[kTone]);
-    double squares = 0;
-    if (normal) normal->setZero();
-    if (gradient) gradient->setZero();
+    Evaluation all;
     Vector j;
     for (const Sample& sample : samples_) {
       const double x = sample.x - p[kX], y = sample.y - p[kY];
@@ -169,8 +171,7 @@ class CornerModel {
       const ToneCurve::Value seen = tone.At(w);
       const double v = seen.value;
       const double residual = p[kBlack] + (p[kContrast] + slope) * v - sample.grey;
-      squares += residual * residual;
-      if (!normal) continue;
+      all.squares += residual * residual;
       const double by_v = p[kContrast] + slope;
       const double by_w = by_v * seen.by_light;
       const double f1 = 0.5 * sign_ * by_w * e2.value, f2 = 0.5 * sign_ * by_w * e1.value;
@@ -185,10 +186,10 @@ class CornerModel {
       j[kTone] = by_v * seen.by_strength;
       j[kSlopeX] = v * x;
       j[kSlopeY] = v * y;
-      normal->selfadjointView<Eigen::Lower>().rankUpdate(j);
-      *gradient += residual * j;
+      all.normal.selfadjointView<Eigen::Lower>().rankUpdate(j);
+      all.gradient += residual * j;
     }
-    return squares;
+    return all;
   }
 
  private:
@@ -224,12 +225,12 @@ struct Solution {
 
 /// Levenberg-Marquardt; nullopt when it does not settle.
 std::optional<Solution> Solve(const CornerModel& model, Vector p) {
-  Matrix normal;
-  Vector gradient;
-  double squares = model.Evaluate(p, &normal, &gradient);
+  // Nearly every step is taken: derivatives come with each evaluation, not in a second one.
+  CornerModel::Evaluation here = model.Evaluate(p);
   double damping = 1e-3;
   for (int i = 0; i < kMaxIterations; ++i) {
-    Matrix damped = normal.selfadjointView<Eigen::Lower>();
+    Matrix damped = here.normal.selfadjointView<Eigen::Lower>();
+    Vector gradient = here.gradient;
     if (i < kHeldTone) {
       damped.row(kTone).setZero();
       damped.col(kTone).setZero();
@@ -244,17 +245,17 @@ std::optional<Solution> Solve(const CornerModel& model, Vector p) {
     Vector next = p + step;
     next[kBlur] = std::max(next[kBlur], kMinBlur_px);
     next[kTone] = std::clamp(next[kTone], -kMaxTone, kMaxTone);
-    const double next_squares = model.Evaluate(next, nullptr, nullptr);
-    if (next_squares <= squares) {
+    CornerModel::Evaluation there = model.Evaluate(next);
+    if (there.squares <= here.squares) {
       p = next;
       damping = std::max(damping / 8, 1e-9);
-      squares = model.Evaluate(p, &normal, &gradient);
+      here = there;
     } else {
       damping *= 8;
     }
     if (i >= kHeldTone && std::abs(step[kX]) + std::abs(step[kY]) < kConverged_px) {
-      const Matrix full = normal.selfadjointView<Eigen::Lower>();
-      return Solution{p, full.ldlt().solve(Matrix::Identity()), squares};
+      const Matrix full = here.normal.selfadjointView<Eigen::Lower>();
+      return Solution{p, full.ldlt().solve(Matrix::Identity()), here.squares};
     }
   }
   return std::nullopt;
