@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "daemon/store_records.h"
+#include "sfm/core/calibration.h"
+#include "sfm/core/pose_set.h"
+
+namespace rotunda::daemon {
+
+/// How far from its calibrated pose a camera may be found. Both are about two pixels of the rig's
+/// cameras (f = 1600 px) for a subject 2 m away; less does not hurt a reconstruction.
+struct DriftLimits {
+  double position_mm = 2.5;
+  double rotation_deg = 0.07;
+};
+
+/// Whether the result may speak of drift: it is sure, metric, not folded, and was compared with a
+/// calibration.
+bool MaySpeakOfDrift(const PoseSet& poses);
+
+/// Every registered camera's drift; sorted by camera. A camera is beyond its limit when the
+/// reconstruction calls its change significant (VsCalibration::moved) and it is more than a limit,
+/// or when it has changed places with another. `capture`, `captured_at` and `reconstruction` are
+/// left to the caller. Empty when the result may not speak of drift.
+std::vector<DriftRecord> DriftOf(const PoseSet& poses, const Calibration& calibration,
+                                 const DriftLimits& limits);
+
+}  // namespace rotunda::daemon

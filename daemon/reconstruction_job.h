@@ -1,0 +1,43 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "daemon/drift.h"
+#include "daemon/jobs.h"
+#include "daemon/store.h"
+#include "sfm/core/frame_set.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+#include "sfm/pipeline.h"
+
+namespace rotunda::daemon {
+
+/// `calibration`, else the one that came with the frame set; and the page that lies beside it.
+/// Empty when there is neither.
+Result<sfm::CalibrationInForce> CalibrationOf(
+    const std::filesystem::path& frameset, const std::optional<std::filesystem::path>& calibration);
+
+/// Reconstructs the set into the folder `out`, which appears whole or not at all.
+struct ReconstructionTask {
+  FrameSet set;
+  sfm::CalibrationInForce in_force;
+  sfm::PipelineOptions options;
+  std::filesystem::path out;
+};
+Result<sfm::PipelineResult> MakeReconstruction(const ReconstructionTask& task, RunContext& context);
+
+struct ReconstructionJobOptions {
+  DriftLimits drift;
+  int threads = 0;  // 0: the machine's cores
+};
+
+/// POST /v1/captures/{id}/reconstructions, its body with "capture" added: {"capture": id,
+/// "calibration": id?, "method": "tc-sfm" | "plain"?, "pairs": "exhaustive" | "neighbours"?,
+/// "refine_intrinsics": bool?}. Without a calibration the one that was in force at the capture is
+/// taken. Result: {"reconstruction", "capture", "registered", "of", "points", "rms_px", "verdict",
+/// "verdict_reason", "notes"}.
+JobHandler MakeReconstructionHandler(Store& store, ReconstructionJobOptions options);
+
+}  // namespace rotunda::daemon
