@@ -10,13 +10,6 @@
 
 namespace rotunda::daemon {
 
-/// How far from its calibrated pose a camera may be found. Both are about two pixels of the rig's
-/// cameras (f = 1600 px) for a subject 2 m away; less does not hurt a reconstruction.
-struct DriftLimits {
-  double position_mm = 2.5;
-  double rotation_deg = 0.07;
-};
-
 /// Whether the result may speak of drift: it is sure, metric, not folded, and was compared with a
 /// calibration.
 bool MaySpeakOfDrift(const PoseSet& poses);

@@ -22,9 +22,11 @@ struct JobContext {
 /// What jobs of one kind are.
 struct JobHandler {
   /// The body as it is stored (keys in order, defaults filled in), or what is wrong with the
-  /// request: kInvalidArgument names the field, kNotFound what it refers to, kIo when there is no
-  /// room on the disk. Run by the caller of Submit().
+  /// request: kInvalidArgument names the field, kNotFound what it refers to. Run by the caller of
+  /// Submit().
   std::function<Result<std::string>(const std::string& body)> check;
+  /// Whether new jobs can be taken now; not asked for one that was taken before. May be null.
+  std::function<Status()> admit;
   /// Does the work; gives the result, a JSON object. A job that was interrupted comes again with
   /// the `product` of its first run.
   std::function<Result<std::string>(const JobRecord& job, JobContext& context)> run;
@@ -71,6 +73,7 @@ class JobQueue {
  private:
   class Worker;
   const JobHandler& HandlerOf(JobKind kind) const;
+  void Wake();
 
   Store& store_;
   const JobHandlers handlers_;

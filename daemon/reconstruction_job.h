@@ -4,7 +4,6 @@
 #include <optional>
 #include <string>
 
-#include "daemon/drift.h"
 #include "daemon/jobs.h"
 #include "daemon/store.h"
 #include "sfm/core/frame_set.h"
@@ -28,16 +27,11 @@ struct ReconstructionTask {
 };
 Result<sfm::PipelineResult> MakeReconstruction(const ReconstructionTask& task, RunContext& context);
 
-struct ReconstructionJobOptions {
-  DriftLimits drift;
-  int threads = 0;  // 0: the machine's cores
-};
-
 /// POST /v1/captures/{id}/reconstructions, its body with "capture" added: {"capture": id,
 /// "calibration": id?, "method": "tc-sfm" | "plain"?, "pairs": "exhaustive" | "neighbours"?,
 /// "refine_intrinsics": bool?}. Without a calibration the one that was in force at the capture is
 /// taken. Result: {"reconstruction", "capture", "registered", "of", "points", "rms_px", "verdict",
-/// "verdict_reason", "notes"}.
-JobHandler MakeReconstructionHandler(Store& store, ReconstructionJobOptions options);
+/// "verdict_reason", "notes"}. `threads` 0: the machine's cores. `store` outlives the handler.
+JobHandler MakeReconstructionHandler(Store& store, int threads);
 
 }  // namespace rotunda::daemon

@@ -28,9 +28,7 @@ bool IsStoreId(std::string_view id);
 struct StoreOptions {
   std::filesystem::path state_folder;  // made when it is missing
   WallClock clock;
-  /// From how many captures in a row on a camera that is beyond its limit counts as moved: one
-  /// alone may be a subject that hid the camera's view.
-  size_t drift_captures = 2;
+  DriftLimits drift;
 };
 
 /// What Open() found and put right.
@@ -79,8 +77,8 @@ class Store {
  private:
   struct Connections;
   Store(StoreOptions options, EventHub& events);
+  Status LockFolder();
   Status OpenDatabase();
-  Status Recover();
 
   const StoreOptions options_;
   EventHub& hub_;

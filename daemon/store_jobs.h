@@ -16,10 +16,10 @@ struct NewJob {
 
 /// Readers. Everything that changes jobs goes through JobQueue (jobs.h).
 Result<JobRecord> FindJob(Store& store, int64_t number);
+Result<std::optional<JobRecord>> FindJobByKey(Store& store, const std::string& idempotency_key);
 /// Newest first; only those in `state` when it is given.
 Result<Listing<JobRecord>> ListJobs(Store& store, const Page& page,
                                     std::optional<JobState> state = std::nullopt);
-/// Jobs that wait, oldest first.
 Result<size_t> CountJobs(Store& store, JobState state);
 
 /// Stores the job, or finds the one with its key: that is given when it is for the same (an

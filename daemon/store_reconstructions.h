@@ -3,7 +3,6 @@
 #include <string>
 #include <vector>
 
-#include "daemon/drift.h"
 #include "daemon/store.h"
 
 namespace rotunda::daemon {
@@ -12,10 +11,9 @@ namespace rotunda::daemon {
 Result<std::string> FreeReconstructionId(Store& store, const std::string& capture);
 
 /// Makes the row of reconstructions/<id>/poses.json and those of its cameras' drift, when the
-/// result is sure (drift.h). Cameras that moved or came back by this are events. Doing it twice
-/// changes nothing.
-Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::string& id,
-                                                  const DriftLimits& limits);
+/// result may speak of it (drift.h). Cameras that moved or came back by this are events. Doing it
+/// twice changes nothing.
+Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::string& id);
 
 Result<ReconstructionRecord> FindReconstruction(Store& store, const std::string& id);
 /// Of one capture, newest first.

@@ -83,6 +83,16 @@ struct ReconstructionRecord {
   bool files_gone = false;
 };
 
+/// How far from its calibrated pose a camera may be found. Lengths are about two pixels of the
+/// rig's cameras (f = 1600 px) for a subject 2 m away; less does not hurt a reconstruction.
+struct DriftLimits {
+  double position_mm = 2.5;
+  double rotation_deg = 0.07;
+  /// From how many captures in a row on a camera that is beyond a limit counts as moved: a single
+  /// one may be a subject that was in its way.
+  size_t captures = 2;
+};
+
 /// How far a camera was from its calibrated pose in one capture.
 struct DriftRecord {
   std::string capture;
