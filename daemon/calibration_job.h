@@ -8,6 +8,9 @@
 #include "daemon/jobs.h"
 #include "daemon/store.h"
 #include "rig/board.h"
+#include "rig/board_sightings.h"
+#include "rig/calibration_checks.h"
+#include "rig/calibration_comparison.h"
 #include "rig/rig_calibration.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/result.h"
@@ -23,19 +26,27 @@ struct CalibrationTask {
   std::optional<Calibration> intrinsics_from;  // lenses, rig frame and target held as they were
   std::optional<Calibration> frame_from;       // rig frame
   std::optional<Calibration> compare;          // name the cameras that moved since
-  bool report = false;                         // make the page, too
 };
 
 struct CalibrationOutcome {
   Calibration calibration;  // id and time are those of the newest shot; empty when none says
-  size_t cameras = 0, shots = 0, shots_used = 0;
-  std::vector<std::string> notes;                   // what the operator is to know or do
-  std::optional<std::vector<std::string>> changes;  // since `compare`
-  std::string report;                               // HTML; empty when not asked for
+  rig::BoardSightings sightings;
+  rig::RigCalibration result;
+  rig::CrossValidation validation;
+  std::vector<rig::CameraCheck> checks;
+  std::optional<rig::CalibrationComparison> comparison;
+  std::vector<std::string> notes;  // what the operator is to know or do
+
+  size_t ShotsUsed() const;
+  /// What moved since `compare`, in words; nullopt when there was nothing to compare with.
+  std::optional<std::vector<std::string>> Changes() const;
 };
 
 /// kCancelled when stopped.
 Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& task, RunContext& context);
+
+/// The page about it (HTML).
+std::string CalibrationPage(const CalibrationTask& task, const CalibrationOutcome& outcome);
 
 /// "charuco-20260118T101500Z" for "2026-01-18T10:15:00Z".
 std::string CalibrationIdOf(const std::string& created_at);

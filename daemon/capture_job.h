@@ -40,6 +40,8 @@ class CaptureStation {
   /// Why the oldest shot cannot be written; unset while all is well.
   std::optional<rig::FrameSetWriter::Trouble> DiskTrouble() const;
 
+  const char* TriggerSource() const;  // "gpio" or "simulated", for the frame set
+
   /// Takes a shot and makes it a durable frame set. What is told is without the frames.
   struct Taken {
     rig::Shot shot;
@@ -64,9 +66,11 @@ struct CaptureJobOptions {
   uint64_t disk_reserve_bytes = 0;
 };
 
-/// POST /v1/captures {"subject": text?, "reconstruct": true?}. Result: {"capture", "ok", "of",
-/// "complete", "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
-/// "resent_packets"}. `store` and `station` outlive the handler.
+/// POST /v1/captures {"subject": text?, "reconstruct": true?}. The set gets the calibration in
+/// force; its reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok",
+/// "of", "complete", "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
+/// "resent_packets"}, the figures of the shot only when it was taken in this run. `store` and
+/// `station` outlive the handler.
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options);
 
 }  // namespace rotunda::daemon

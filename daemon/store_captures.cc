@@ -108,6 +108,17 @@ Result<CaptureRecord> SelectCapture(Database& database, const std::string& id) {
   return ReadCapture(row);
 }
 
+/// The job, unless there is one for the same already: from the run that was interrupted.
+Status AddFollowUp(Database& database, const NewJob& job, const std::string& now,
+                   std::vector<EventRecord>& events) {
+  Statement same = database.Prepare("SELECT 1 FROM jobs WHERE kind = ? AND body = ?");
+  const bool is_known = same.Bind(JobKindName(job.kind)).Bind(job.body).Step();
+  ROTUNDA_RETURN_IF_ERROR(same.status());
+  if (is_known) return {};
+  const auto added = AddJobRow(database, job, now, events);
+  return added ? Status() : Status(added.error());
+}
+
 }  // namespace
 
 Result<std::string> FreeCaptureId(Store& store) {
@@ -148,9 +159,7 @@ Result<CaptureRecord> RecordCapture(Store& store, const std::string& id,
       events.push_back(
           MakeEvent("capture_stored", id, {{"ok", capture.ok_frames}, {"of", capture.frames}}));
     }
-    if (!follow_up) return {};
-    const auto job = AddJobRow(database, *follow_up, store.Now(), events);
-    return job ? Status() : Status(job.error());
+    return follow_up ? AddFollowUp(database, *follow_up, store.Now(), events) : Status();
   }));
   return FindCapture(store, id);
 }

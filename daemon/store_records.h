@@ -50,7 +50,7 @@ struct FrameRecord {
   uint64_t height_px = 0;
 };
 
-/// A folder calibrations/<id> with calibration.json and report.html.
+/// A folder calibrations/<id> with calibration.json and, when it was made here, report.html.
 struct CalibrationRecord {
   std::string id;
   std::string created_at;

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <atomic>
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <stdexcept>
@@ -14,17 +16,17 @@
 
 namespace rotunda::test {
 
-/// A wall clock that goes on by a second at every look.
+/// A wall clock that goes on by a second at every look, from 2026-01-01T00:00:00Z.
 class SteppingClock {
  public:
   daemon::WallClock Source() {
-    return [this] { return now_ += std::chrono::seconds(1); };
+    return
+        [this] { return std::chrono::system_clock::time_point(std::chrono::seconds(++seconds_)); };
   }
-  void Advance(std::chrono::seconds by) { now_ += by; }
+  void Advance(std::chrono::seconds by) { seconds_ += by.count(); }
 
  private:
-  // 2026-01-01T00:00:00Z
-  std::chrono::system_clock::time_point now_{std::chrono::seconds(1767225600)};
+  std::atomic<int64_t> seconds_ = 1767225600;
 };
 
 /// A state folder and what a daemon needs to open it; Reopen() is what a restart does.
