@@ -82,8 +82,8 @@ std::vector<Range> Ranges(const DaemonConfig& config) {
           {"drift.rotation_deg", config.drift.rotation_deg, 0.001, 180},
           {"drift.captures", 1.0 * config.drift.captures, 1, 1000},
           {"jobs.threads", 1.0 * config.jobs.threads, 0, 1024},
-          {"jobs.capture_silence_s", 1.0 * config.jobs.capture_silence_s, 10, 86400},
-          {"jobs.computing_silence_s", 1.0 * config.jobs.computing_silence_s, 10, 86400}};
+          {"jobs.capture_silence_s", 1.0 * config.jobs.capture_silence_s, 1, 86400},
+          {"jobs.computing_silence_s", 1.0 * config.jobs.computing_silence_s, 1, 86400}};
 }
 
 std::string Plain(double number) {

@@ -380,6 +380,7 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
     stream_.async_read_some(net::buffer(scrap_),
                             [self = shared_from_this()](beast::error_code, size_t) {
                               self->heartbeat_.cancel();
+                              self->Log();
                               self->Close();
                             });
   }
@@ -429,8 +430,9 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
                      });
   }
 
-  void Log() const {
-    if (!server_.options.log) return;
+  /// Once for each request; a stream's end may be seen by its reading and its writing.
+  void Log() {
+    if (!server_.options.log || (is_stream_ && std::exchange(stream_logged_, true))) return;
     const std::chrono::duration<double> spent = Clock::now() - begin_;
     server_.options.log({peer_, Printable(request_.method), Printable(request_.target), status_,
                          sent_bytes_, spent.count()});
@@ -454,6 +456,7 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
   bool is_stream_ = false;
   bool is_writing_ = false;  // or asks its source
   bool pull_again_ = false;
+  bool stream_logged_ = false;
   StreamSource source_;
   std::shared_ptr<Answer<http::empty_body>> stream_head_;
   std::string chunk_;
