@@ -1,5 +1,6 @@
 #include "daemon/capture_job.h"
 
+#include <algorithm>
 #include <map>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -227,6 +228,14 @@ std::vector<rig::CameraState> CaptureStation::States() const {
 
 Result<std::string> CaptureStation::PreviewJpeg(const std::string& camera) {
   ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession * session, Session());
+  // Asked first: the session takes the size of its frames' memory from the cameras that are open.
+  const std::vector<rig::CameraState> states = session->States();
+  const auto state = std::find_if(states.begin(), states.end(),
+                                  [&](const auto& each) { return each.camera == camera; });
+  if (state == states.end()) return Error{ErrorCode::kNotFound, "there is no such camera", camera};
+  if (state->condition != rig::CameraCondition::kReady) {
+    return Error{ErrorCode::kFailed, "is not ready: " + state->problem, camera};
+  }
   ROTUNDA_ASSIGN_OR_RETURN(const rig::CameraFrame frame, session->Preview(camera));
   if (!frame.complete) return Error{ErrorCode::kFailed, frame.problem, camera};
   return ToJpeg(frame);
