@@ -82,6 +82,22 @@ CREATE TABLE drift (
 CREATE INDEX drift_of_camera ON drift(camera, captured_at, capture);
 CREATE INDEX drift_of_capture ON drift(capture);
 
+-- How many captures a camera was compared in: counting rows is slow with thousands of them.
+CREATE TABLE drift_counts (
+  calibration  TEXT NOT NULL,
+  camera       TEXT NOT NULL,
+  captures     INTEGER NOT NULL,
+  PRIMARY KEY (calibration, camera)
+) STRICT, WITHOUT ROWID;
+CREATE TRIGGER drift_added AFTER INSERT ON drift BEGIN
+  INSERT INTO drift_counts VALUES (new.calibration, new.camera, 1)
+  ON CONFLICT (calibration, camera) DO UPDATE SET captures = captures + 1;
+END;
+CREATE TRIGGER drift_removed AFTER DELETE ON drift BEGIN
+  UPDATE drift_counts SET captures = captures - 1
+  WHERE calibration = old.calibration AND camera = old.camera;
+END;
+
 CREATE TABLE jobs (
   number            INTEGER PRIMARY KEY AUTOINCREMENT,
   kind              TEXT NOT NULL,

@@ -111,35 +111,31 @@ Calibration AlignedTo(const Store& store, const PoseSet& poses) {
   return ours ? std::move(ours).value() : none;
 }
 
-/// The cameras compared with a calibration, by name: one index lookup each, not a pass over all.
-Result<std::vector<std::string>> ComparedCameras(Database& database,
+/// Every camera that was compared with a calibration, by name; `latest` has only its name yet.
+Result<std::vector<CameraDrift>> ComparedCameras(Database& database,
                                                  const std::string& calibration) {
-  Statement row = database.Prepare(R"sql(
-WITH RECURSIVE found(camera) AS (
-  SELECT min(camera) FROM drift WHERE calibration = ?1
-  UNION ALL
-  SELECT (SELECT min(camera) FROM drift WHERE calibration = ?1 AND camera > found.camera)
-  FROM found WHERE found.camera IS NOT NULL)
-SELECT camera FROM found WHERE camera IS NOT NULL)sql");
+  Statement row = database.Prepare(
+      "SELECT camera, captures FROM drift_counts WHERE calibration = ? AND captures > 0 "
+      "ORDER BY camera");
   row.Bind(calibration);
-  std::vector<std::string> cameras;
-  while (row.Step()) cameras.push_back(row.Text());
+  std::vector<CameraDrift> drifts;
+  while (row.Step()) {
+    CameraDrift& drift = drifts.emplace_back();
+    drift.latest.camera = row.Text();
+    drift.captures = row.Count();
+  }
   ROTUNDA_RETURN_IF_ERROR(row.status());
-  return cameras;
+  return drifts;
 }
 
-/// Without CameraDrift::captures.
 Result<std::vector<CameraDrift>> DriftAgainst(Database& database, const std::string& calibration,
                                               size_t captures_of_moved) {
-  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<std::string> cameras,
-                           ComparedCameras(database, calibration));
+  ROTUNDA_ASSIGN_OR_RETURN(std::vector<CameraDrift> drifts, ComparedCameras(database, calibration));
   Statement newest = database.Prepare(
       std::string(kSelectDrift) +
       "WHERE calibration = ? AND camera = ? ORDER BY captured_at DESC, capture DESC");
-  std::vector<CameraDrift> drifts;
-  for (const std::string& camera : cameras) {
-    CameraDrift& drift = drifts.emplace_back();
-    newest.Reset().Bind(calibration).Bind(camera);
+  for (CameraDrift& drift : drifts) {
+    newest.Reset().Bind(calibration).Bind(drift.latest.camera);
     for (bool is_first = true; newest.Step(); is_first = false) {
       DriftRecord record = ReadDrift(newest);
       const bool is_beyond = record.beyond_limit;
@@ -151,16 +147,6 @@ Result<std::vector<CameraDrift>> DriftAgainst(Database& database, const std::str
   }
   ROTUNDA_RETURN_IF_ERROR(newest.status());
   return drifts;
-}
-
-Status CountCaptures(Database& database, std::vector<CameraDrift>& drifts) {
-  Statement count =
-      database.Prepare("SELECT count(*) FROM drift WHERE calibration = ? AND camera = ?");
-  for (CameraDrift& drift : drifts) {
-    count.Reset().Bind(drift.latest.calibration).Bind(drift.latest.camera);
-    if (count.Step()) drift.captures = count.Count();
-  }
-  return count.status();
 }
 
 Result<bool> IsActive(Database& database, const std::string& calibration) {
@@ -294,11 +280,10 @@ Result<std::vector<ReconstructionRecord>> ListReconstructions(Store& store,
 Result<std::vector<CameraDrift>> DriftNow(Store& store) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::optional<CalibrationRecord> active, ActiveCalibration(store));
   if (!active) return std::vector<CameraDrift>();
-  std::vector<CameraDrift> drifts;
-  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
-    ROTUNDA_ASSIGN_OR_RETURN(drifts,
-                             DriftAgainst(database, active->id, store.options().drift.captures));
-    return CountCaptures(database, drifts);
+  Result<std::vector<CameraDrift>> drifts = std::vector<CameraDrift>();
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
+    drifts = DriftAgainst(database, active->id, store.options().drift.captures);
+    return Status();
   }));
   return drifts;
 }
