@@ -43,6 +43,12 @@ HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& co
   return response;
 }
 
+HttpResponse Busy(const std::string& with_what) {
+  HttpResponse response = Problem(503, with_what + "; try again in a second");
+  response.headers.emplace_back("Retry-After", "1");
+  return response;
+}
+
 std::vector<QueryParameter> PageQuery() {
   return {{"limit", "At most so many items, 1 to " + std::to_string(kMaxPageLimit) + "; default " +
                         std::to_string(Page().limit)},

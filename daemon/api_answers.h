@@ -21,6 +21,9 @@ HttpResponse JsonAnswer(const Result<T>& value) {
 }
 HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& content_type);
 
+/// 503: what is only done once at a time is being done.
+HttpResponse Busy(const std::string& with_what);
+
 /// `limit` and `after` of every list.
 std::vector<QueryParameter> PageQuery();
 Result<Page> PageOf(const ApiRequest& request);

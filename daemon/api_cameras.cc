@@ -46,11 +46,7 @@ HttpResponse Preview(const ApiParts& parts, const std::string& camera, std::mute
     return Problem(404, "there is no camera '" + camera + "'");
   }
   const std::unique_lock only(one, std::try_to_lock);
-  if (!only) {
-    HttpResponse busy = Problem(503, "another preview is being taken; try again in a second");
-    busy.headers.emplace_back("Retry-After", "1");
-    return busy;
-  }
+  if (!only) return Busy("another preview is being taken");
   Result<std::string> picture = parts.station.PreviewJpeg(camera);
   if (!picture) return Problem(503, picture.error().ToString());
   HttpResponse response;

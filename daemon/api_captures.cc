@@ -84,10 +84,8 @@ class ScratchFolder {
   fs::path path_;
 };
 
-/// The reconstruction as `format`, a tar archive. One at a time: it takes memory.
-Result<std::string> Archive(const fs::path& reconstruction, const std::string& format,
-                            std::mutex& one) {
-  const std::lock_guard only(one);
+/// The reconstruction as `format`, a tar archive.
+Result<std::string> Archive(const fs::path& reconstruction, const std::string& format) {
   const ScratchFolder scratch;
   if (scratch.path().empty()) {
     return Error{ErrorCode::kIo, "no folder can be made for temporary files", format};
@@ -106,7 +104,10 @@ HttpResponse Export(const ApiParts& parts, const ApiRequest& request, std::mutex
   if (is_ply) {
     response = FileAnswer(*folder / "points.ply", "application/octet-stream");
   } else {
-    Result<std::string> tar = Archive(*folder, format, one);
+    // It takes memory, and a handler's thread for some seconds: one at a time.
+    const std::unique_lock only(one, std::try_to_lock);
+    if (!only) return Busy("another export is being made");
+    Result<std::string> tar = Archive(*folder, format);
     if (!tar) return Problem(tar.error());
     response.content_type = "application/octet-stream";
     response.body = *std::move(tar);

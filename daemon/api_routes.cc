@@ -124,11 +124,20 @@ HttpResponse Router::Handle(const HttpRequest& request) const {
     response.headers.emplace_back("Allow", Listed(allowed));
     return response;
   }
-  if (request.peer.role < route->role) {
-    return Problem(403, "user " + std::to_string(request.peer.uid) + " may not do this; it takes " +
-                            groups_.at(route->role));
-  }
+  if (request.peer.role < route->role) return Forbidden(*route, request.peer);
   return Call(*route, *target, request);
+}
+
+void Router::SetGroups(std::map<Role, std::string> groups) {
+  const std::lock_guard lock(mutex_);
+  groups_ = std::move(groups);
+}
+
+HttpResponse Router::Forbidden(const Route& route, const Peer& peer) const {
+  const std::lock_guard lock(mutex_);
+  const auto group = groups_.find(route.role);
+  return Problem(403, "user " + std::to_string(peer.uid) + " may not do this; it takes " +
+                          (group == groups_.end() ? "another role" : group->second));
 }
 
 HttpResponse Router::Call(const Route& route, const HttpTarget& target,

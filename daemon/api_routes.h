@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <map>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -47,15 +48,19 @@ class Router {
   Router(std::vector<Route> routes, std::map<Role, std::string> groups);
 
   HttpResponse Handle(const HttpRequest& request) const;
+  /// For refusals from now on.
+  void SetGroups(std::map<Role, std::string> groups);
   const std::vector<Route>& routes() const { return routes_; }
 
  private:
   const Route* Find(const HttpTarget& target, const std::string& method,
                     std::vector<std::string>& allowed) const;
+  HttpResponse Forbidden(const Route& route, const Peer& peer) const;
   HttpResponse Call(const Route& route, const HttpTarget& target, const HttpRequest& request) const;
 
   const std::vector<Route> routes_;
-  const std::map<Role, std::string> groups_;
+  mutable std::mutex mutex_;
+  std::map<Role, std::string> groups_;
 };
 
 }  // namespace rotunda::daemon

@@ -55,8 +55,7 @@ HttpAccess AccessOf(const config::DaemonConfig::Access& access, spdlog::logger& 
 }
 
 std::map<Role, std::string> RoleNames(const config::DaemonConfig::Access& access) {
-  return {{Role::kNone, ""},
-          {Role::kViewer,
+  return {{Role::kViewer,
            "a member of group '" + access.viewer_group + "' or '" + access.operator_group + "'"},
           {Role::kOperator, "a member of group '" + access.operator_group + "'"}};
 }
@@ -213,6 +212,7 @@ void Service::Reload(const config::DaemonConfig& wanted) {
   }
   SetLevel(log_, wanted.service.log_level);
   parts_->server->SetAccess(AccessOf(wanted.access, log_));
+  parts_->router->SetGroups(RoleNames(wanted.access));
   parts_->housekeeper->SetPolicy(PolicyOf(wanted.storage));
 }
 

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "config/daemon_config.h"
 #include "daemon/model_export.h"
 #include "daemon/openapi.h"
 #include "daemon/store_calibrations.h"
@@ -410,6 +411,23 @@ TEST_F(Api, MetricsAreWhatPrometheusReads) {
   const std::string text = Get("/metrics").body;
   EXPECT_NE(text.find("\nrotunda_cameras_ready 0\n"), std::string::npos) << text;
   EXPECT_NE(text.find("# TYPE rotunda_http_requests_total counter\n"), std::string::npos) << text;
+}
+
+TEST(DaemonDefaults, AreTheSameInTheConfigurationAndInTheParts) {
+  const config::DaemonConfig config;
+  EXPECT_EQ(config.drift.position_mm, DriftLimits().position_mm);
+  EXPECT_EQ(config.drift.rotation_deg, DriftLimits().rotation_deg);
+  EXPECT_EQ(static_cast<size_t>(config.drift.captures), DriftLimits().captures);
+  EXPECT_EQ(config.jobs.capture_silence_s, JobQueue::Options().capture_silence.count());
+  EXPECT_EQ(config.jobs.computing_silence_s, JobQueue::Options().computing_silence.count());
+  EXPECT_EQ(config.http.header_bytes, HttpLimits().header_bytes);
+  EXPECT_EQ(config.http.body_bytes, HttpLimits().body_bytes);
+  EXPECT_EQ(config.http.connections, HttpLimits().connections);
+  EXPECT_EQ(config.http.streams, HttpLimits().streams);
+  EXPECT_EQ(config.http.request_ms, HttpLimits().request_ms);
+  EXPECT_EQ(config.http.write_ms, HttpLimits().write_ms);
+  EXPECT_EQ(config.http.heartbeat_ms, HttpLimits().heartbeat_ms);
+  EXPECT_EQ(config.http.threads, HttpLimits().handler_threads);
 }
 
 TEST(TarArchive, IsReadByTar) {
