@@ -26,22 +26,29 @@ constexpr char kDatabaseName[] = "rotunda.db";
 constexpr char kLockName[] = "lock";
 constexpr size_t kMaxIdLength = 100;
 
+Error Damaged(const std::string& finding, const fs::path& file) {
+  return {ErrorCode::kBadInput,
+          "is damaged (" + finding +
+              "): move it away with its -wal and -shm and put the newest backup in its place, or "
+              "none: captures, calibrations and reconstructions on disk are found again; nothing "
+              "was changed",
+          file.string()};
+}
+
+/// What SQLite says of a file that is no database, in our words.
+Error AsDamaged(const Error& error, const fs::path& file) {
+  return error.code == ErrorCode::kBadInput ? Damaged(error.message, file) : error;
+}
+
 Status CheckIntegrity(Database& database) {
   Statement check = database.Prepare("PRAGMA integrity_check(1)");
-  std::string finding = check.Step() ? check.Text() : "";
-  if (check.status() && finding == "ok") {
-    ROTUNDA_ASSIGN_OR_RETURN(const int64_t orphans,
-                             database.Number("SELECT count(*) FROM pragma_foreign_key_check"));
-    if (orphans == 0) return {};
-    finding = std::to_string(orphans) + " rows without the row they belong to";
-  }
-  if (!check.status()) finding = check.status().error().message;
-  return Error{ErrorCode::kBadInput,
-               "is damaged (" + finding +
-                   "): move it away with its -wal and -shm and put the newest backup in its place, "
-                   "or none: captures, calibrations and reconstructions on disk are found again; "
-                   "nothing was changed",
-               database.name()};
+  const std::string finding = check.Step() ? check.Text() : "";
+  if (!check.status()) return AsDamaged(check.status().error(), database.name());
+  if (finding != "ok") return Damaged(finding, database.name());
+  ROTUNDA_ASSIGN_OR_RETURN(const int64_t orphans,
+                           database.Number("SELECT count(*) FROM pragma_foreign_key_check"));
+  if (orphans == 0) return {};
+  return Damaged(std::to_string(orphans) + " rows without the row they belong to", database.name());
 }
 
 Status MakeFolder(const fs::path& folder) {
@@ -129,12 +136,12 @@ Status Store::LockFolder() {
 
 Status Store::OpenDatabase() {
   const fs::path file = options_.state_folder / kDatabaseName;
-  ROTUNDA_ASSIGN_OR_RETURN(Database opened, Database::Open(file, Database::Access::kReadWrite));
-  Database& writer = connections_->writer.emplace(std::move(opened));
-  // Asked first and alone: a foreign or damaged file is left as it is.
+  Result<Database> opened = Database::Open(file, Database::Access::kReadWrite);
+  if (!opened) return AsDamaged(opened.error(), file);
+  Database& writer = connections_->writer.emplace(std::move(*opened));
+  // Asked before anything is written: a foreign or damaged file is left as it is.
   const Result<int64_t> version = writer.Number("PRAGMA user_version");
-  if (!version && version.error().code == ErrorCode::kBadInput) return CheckIntegrity(writer);
-  ROTUNDA_RETURN_IF_ERROR(version.ok() ? Status() : Status(version.error()));
+  if (!version) return AsDamaged(version.error(), file);
   ROTUNDA_RETURN_IF_ERROR(CheckSchema(writer, SchemaSteps()));
   ROTUNDA_RETURN_IF_ERROR(CheckIntegrity(writer));
   ROTUNDA_RETURN_IF_ERROR(
@@ -154,23 +161,6 @@ fs::path Store::CalibrationFolder(const std::string& id) const {
 }
 fs::path Store::ReconstructionFolder(const std::string& id) const {
   return options_.state_folder / "reconstructions" / id;
-}
-
-Status Store::Backup(const fs::path& file) {
-  std::error_code ignored;
-  if (fs::exists(file, ignored)) {
-    return Error{ErrorCode::kAlreadyExists, "exists already", file.string()};
-  }
-  fs::path partial = file;
-  partial += ".partial";
-  fs::remove(partial, ignored);
-  const std::lock_guard lock(connections_->reader_mutex);
-  Status status = connections_->reader->CopyTo(partial);
-  if (status && ::rename(partial.c_str(), file.c_str()) != 0) {
-    status = Error{ErrorCode::kIo, std::generic_category().message(errno), file.string()};
-  }
-  if (!status) fs::remove(partial, ignored);
-  return status;
 }
 
 Status Store::Read(const Reading& reading) {
@@ -196,6 +186,28 @@ Status Store::Write(const Writing& writing) {
   }
   hub_.Publish(events);
   return {};
+}
+
+Status BackUpStore(const fs::path& state_folder, const fs::path& file) {
+  const fs::path source = state_folder / kDatabaseName;
+  std::error_code ignored;
+  if (!fs::exists(source, ignored)) {
+    return Error{ErrorCode::kNotFound, "there is no database", source.string()};
+  }
+  if (fs::exists(file, ignored)) {
+    return Error{ErrorCode::kAlreadyExists, "exists already", file.string()};
+  }
+  fs::path partial = file;
+  partial += ".partial";
+  fs::remove(partial, ignored);
+  ROTUNDA_ASSIGN_OR_RETURN(Database database, Database::Open(source, Database::Access::kReadOnly));
+  ROTUNDA_RETURN_IF_ERROR(CheckSchema(database, SchemaSteps()));
+  Status status = database.CopyTo(partial);
+  if (status && ::rename(partial.c_str(), file.c_str()) != 0) {
+    status = Error{ErrorCode::kIo, std::generic_category().message(errno), file.string()};
+  }
+  if (!status) fs::remove(partial, ignored);
+  return status;
 }
 
 }  // namespace rotunda::daemon

@@ -62,10 +62,6 @@ class Store {
   std::filesystem::path CalibrationFolder(const std::string& id) const;
   std::filesystem::path ReconstructionFolder(const std::string& id) const;
 
-  /// An online copy of the database, whole and consistent, while work goes on. `file` must not
-  /// exist.
-  Status Backup(const std::filesystem::path& file);
-
   /// For the tables' functions. Reads see the last commit and do not wait for writers.
   using Reading = std::function<Status(Database& database)>;
   Status Read(const Reading& reading);
@@ -85,5 +81,9 @@ class Store {
   std::unique_ptr<Connections> connections_;
   RecoveryReport recovery_;
 };
+
+/// A copy of the database of a state folder, whole and consistent, while a daemon uses it or not.
+/// `file` must not exist. Pictures and other files are not in it: copy the folders beside it.
+Status BackUpStore(const std::filesystem::path& state_folder, const std::filesystem::path& file);
 
 }  // namespace rotunda::daemon

@@ -224,15 +224,25 @@ TEST(Store, MakesABackupWhileItIsUsed) {
   WriteTinyFrameSet(state.store().CaptureFolder("a"), "2026-01-01T00:00:00Z");
   ASSERT_TRUE(RecordCapture(state.store(), "a", std::nullopt).ok());
   const fs::path copy = state.folder() / "copy.db";
-  ASSERT_TRUE(state.store().Backup(copy).ok());
-  EXPECT_EQ(state.store().Backup(copy).error().code, ErrorCode::kAlreadyExists);
+  ASSERT_TRUE(BackUpStore(state.folder(), copy).ok());
+  EXPECT_EQ(BackUpStore(state.folder(), copy).error().code, ErrorCode::kAlreadyExists);
   WriteTinyFrameSet(state.store().CaptureFolder("b"), "2026-01-01T00:00:01Z");
   ASSERT_TRUE(RecordCapture(state.store(), "b", std::nullopt).ok());
 
-  auto database = Database::Open(copy, Database::Access::kReadOnly);
+  auto database = Database::Open(copy, Database::Access::kReadWrite);
   ASSERT_TRUE(database.ok());
   EXPECT_EQ(database->Number("SELECT count(*) FROM captures").value(), 1);
   EXPECT_EQ(database->Number("SELECT count(*) FROM frames").value(), 2);
+  EXPECT_EQ(BackUpStore(state.folder() / "nothing", state.folder() / "b.db").error().code,
+            ErrorCode::kNotFound);
+
+  // Put in the database's place it is a database; what came after it is found on the disk.
+  state.Close();
+  for (const char* name : {"rotunda.db", "rotunda.db-wal", "rotunda.db-shm"}) {
+    fs::remove(state.folder() / name);
+  }
+  fs::rename(copy, state.folder() / "rotunda.db");
+  EXPECT_EQ(state.Reopen().recovery().adopted, std::vector<std::string>{"captures/b"});
 }
 
 TEST(StoreEvents, ComeInOrderAndCanBeResumed) {
