@@ -7,11 +7,13 @@
 #include <cstdio>
 #include <ctime>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "config/daemon_config.h"
 #include "daemon/service.h"
 #include "daemon/service_log.h"
+#include "daemon/store.h"
 #include "daemon/systemd_notify.h"
 
 namespace rotunda::daemon {
@@ -30,6 +32,7 @@ constexpr int kTicksPerInterval = 3;
 struct Arguments {
   std::string config = "/etc/rotunda/rotundad.toml";
   bool check_only = false;
+  std::optional<std::string> backup;
 };
 
 void PrintProblems(const config::CheckedDaemonConfig& checked) {
@@ -103,6 +106,14 @@ int Serve(const Arguments& arguments, const config::DaemonConfig& config) {
   return kDone;
 }
 
+int BackUp(const std::string& file, const config::DaemonConfig& config) {
+  if (Status copied = BackUpStore(config.service.state_folder, file); !copied) {
+    std::fprintf(stderr, "rotundad: %s\n", copied.error().ToString().c_str());
+    return kFailed;
+  }
+  return kDone;
+}
+
 int Main(int argc, char** argv) {
   Arguments arguments;
   CLI::App app(
@@ -113,9 +124,15 @@ int Main(int argc, char** argv) {
   app.add_option("--config", arguments.config, "Configuration (config/rotundad.toml shows it)")
       ->type_name("FILE")
       ->capture_default_str();
-  app.add_flag("--check-config", arguments.check_only,
-               "Print everything that is wrong with the configuration and the files it names, a "
-               "line each, and exit: 0 nothing, 1 something");
+  CLI::Option* check = app.add_flag(
+      "--check-config", arguments.check_only,
+      "Print everything that is wrong with the configuration and the files it names, a "
+      "line each, and exit: 0 nothing, 1 something");
+  app.add_option("--backup", arguments.backup,
+                 "Write a copy of the database to FILE, which must not exist, and exit; also while "
+                 "a daemon runs. Pictures and results are files: copy them with any program")
+      ->type_name("FILE")
+      ->excludes(check);
   app.footer(
       "Example:\n  rotundad --config /etc/rotunda/rotundad.toml --check-config\n\nSIGHUP reloads "
       "the configuration, SIGTERM ends the daemon.");
@@ -134,6 +151,7 @@ int Main(int argc, char** argv) {
     std::printf("%s: nothing is wrong\n", arguments.config.c_str());
     return kDone;
   }
+  if (arguments.backup) return BackUp(*arguments.backup, checked.config);
   return Serve(arguments, checked.config);
 }
 

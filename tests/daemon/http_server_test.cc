@@ -12,6 +12,7 @@
 #include <fstream>
 #include <memory>
 #include <mutex>
+#include <random>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -372,6 +373,32 @@ TEST_F(HttpServerTest, ManyClientsAtOnce) {
   }
   clients.clear();
   EXPECT_EQ(good, 1000);
+}
+
+TEST_F(HttpServerTest, BrokenRequestsHarmNobody) {
+  constexpr uint64_t kSeed = 7;
+  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  Start();
+  std::mt19937_64 random(kSeed);
+  const std::string whole =
+      "POST /v1/x?a=b HTTP/1.1\r\nHost: h\r\nTransfer-Encoding: "
+      "chunked\r\n\r\n5\r\nhello\r\n0\r\n\r\n"
+      "GET / HTTP/1.0\r\nConnection: keep-alive\r\nContent-Length: 0\r\n\r\n";
+  for (int i = 0; i < 500; ++i) {
+    std::string broken = whole;
+    for (uint64_t changes = 1 + random() % 5; changes > 0; --changes) {
+      const size_t at = random() % broken.size();
+      if (random() % 2 == 0) {
+        broken[at] = static_cast<char>(random());
+      } else {
+        broken.erase(at, random() % 8);
+      }
+    }
+    UnixConnection connection(Socket());
+    connection.Send(broken);  // and goes, whatever the answer is
+  }
+  EXPECT_EQ(Ask(Socket(), "GET", "/").status, 200);
+  while (server_->counters().connections > 0) std::this_thread::sleep_for(milliseconds(1));
 }
 
 TEST_F(HttpServerTest, TheLogHasNoControlCharacters) {

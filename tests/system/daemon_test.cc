@@ -300,6 +300,14 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   EXPECT_EQ(listed.exit_code, 0) << listed.errors;
   EXPECT_NE(listed.output.find(capture), std::string::npos) << listed.output;
 
+  // A copy of the database, made beside the daemon.
+  const fs::path copy = daemon / "copy.db";
+  const std::vector<std::string> back_up = {ROTUNDA_DAEMON, "--config", daemon / "rotundad.toml",
+                                            "--backup", copy};
+  EXPECT_EQ(RunProcess(back_up).exit_code, 0);
+  EXPECT_TRUE(fs::exists(copy));
+  EXPECT_EQ(RunProcess(back_up).exit_code, 1) << "it is there already";
+
   // Reload, stop, start again: nothing is forgotten.
   daemon.process().Signal(SIGHUP);
   EXPECT_TRUE(daemon.notify().WaitFor("RELOADING=1", kPatience));
