@@ -5,6 +5,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <filesystem>
@@ -295,10 +296,34 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   EXPECT_NE(resumed.output.find(": nothing new"), std::string::npos) << "a sign of life";
 
   // The command shows the same.
-  const ProcessOutcome listed =
-      RunProcess({ROTUNDA_COMMAND, "captures", "--socket", daemon.Socket()});
-  EXPECT_EQ(listed.exit_code, 0) << listed.errors;
-  EXPECT_NE(listed.output.find(capture), std::string::npos) << listed.output;
+  const auto command = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), ROTUNDA_COMMAND);
+    words.insert(words.end(), {"--socket", daemon.Socket()});
+    return words;
+  };
+  for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
+           {"captures"}, {"captures", capture}, {"jobs"}, {"status"}}) {
+    const ProcessOutcome shown = RunProcess(command(words));
+    EXPECT_EQ(shown.exit_code, 0) << shown.errors;
+    EXPECT_NE(shown.output.find(capture), std::string::npos) << words[0] << shown.output;
+  }
+  const ProcessOutcome in_force = RunProcess(command({"calibrations", calibration, "--json"}));
+  EXPECT_EQ(Json::parse(in_force.output)["active"], true) << in_force.errors;
+  EXPECT_EQ(RunProcess(command({"cameras"})).exit_code, 0);
+  const ProcessOutcome none = RunProcess(command({"captures", "none"}));
+  EXPECT_EQ(none.exit_code, 1);
+  EXPECT_EQ(std::count(none.errors.begin(), none.errors.end(), '\n'), 1) << none.errors;
+  BackgroundProcess followed(
+      {command({"events", "--after", "0"}), {}, std::nullopt, daemon / "followed"});
+  EXPECT_TRUE(WaitUntil([&] {
+    return followed.Output().find("reconstruction_stored") != std::string::npos;
+  })) << followed.Output();
+  followed.Signal(SIGINT);
+  EXPECT_EQ(followed.Wait(), 0) << followed.Output();
+  const ProcessOutcome by_command =
+      RunProcess(command({"capture", "--subject", "second", "--no-reconstruct", "--json"}));
+  ASSERT_EQ(by_command.exit_code, 0) << by_command.errors;
+  const std::string newest = Json::parse(by_command.output)["capture"];
 
   // A copy of the database, made beside the daemon.
   const fs::path copy = daemon / "copy.db";
@@ -317,7 +342,8 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   EXPECT_EQ(daemon.process().Wait(), 0) << daemon.Log();
   EXPECT_EQ(events.Wait(), 0) << "the stream ended as a stream should";
   daemon.Start();
-  EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], capture);
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], newest);
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][1]["id"], capture);
   EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration);
 }
 
