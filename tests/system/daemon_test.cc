@@ -176,6 +176,21 @@ class DaemonSystem : public testing::Test {
   static inline std::unique_ptr<test::TemporaryFolder> folder_;
   static inline std::unique_ptr<Daemon> daemon_;
   static inline std::unique_ptr<BackgroundProcess> cameras_;
+
+  // One after the other.
+  void Start();
+  void CalibrateFromTheTarget();
+  void CapturePerson();
+  void LookAtPicturesAndPoses();
+  void LookAtReportAndExports();
+  void LookAtDrift();
+  void LookAtEvents();
+  void UseTheCommands();
+  void BackUp();
+  void ReloadStopAndStartAgain();
+
+  std::unique_ptr<BackgroundProcess> events_;   // curl on the event stream
+  std::string calibration_, capture_, newest_;  // ids
 };
 
 /// Kinds of the events in a stream, one after the other, without progress.
@@ -189,21 +204,24 @@ std::vector<std::string> KindsIn(const std::string& stream) {
   return kinds;
 }
 
-TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
+/// A client connects before the daemon is there: the socket is systemd's.
+void DaemonSystem::Start() {
   Daemon& daemon = *daemon_;
-  // A client may connect before the daemon is there: the socket is systemd's.
-  BackgroundProcess events(
-      {{"curl", "-sN", "--unix-socket", daemon.Socket(), "http://localhost/v1/events?after=0"},
-       {},
-       std::nullopt,
-       daemon / "events"});
+  events_ = std::make_unique<BackgroundProcess>(BackgroundProcess::Options{
+      {"curl", "-sN", "--unix-socket", daemon.Socket(), "http://localhost/v1/events?after=0"},
+      {},
+      std::nullopt,
+      daemon / "events"});
   daemon.Start();
   ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
   ASSERT_TRUE(daemon.notify().WaitFor("WATCHDOG=1", kPatience)) << daemon.Log();
   ASSERT_TRUE(WaitUntil([&] { return daemon.Get("/v1/status")["cameras"]["ready"] == kCameras; }))
       << daemon.Curl("/v1/cameras").output;
+}
 
-  // Calibrate.
+/// Nothing is in force before it is activated.
+void DaemonSystem::CalibrateFromTheTarget() {
+  Daemon& daemon = *daemon_;
   std::vector<std::string> captures;
   for (int i = 0; i < kShots; ++i) {
     ASSERT_EQ(SendToCameras({"shot", std::to_string(i)}), 0);
@@ -217,12 +235,15 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
       daemon.Ended(daemon.Post("/v1/calibrations", Json({{"captures", captures}}).dump()));
   ASSERT_EQ(calibrated["state"], "done") << calibrated.dump(1) << daemon.Log();
   EXPECT_EQ(calibrated["result"]["calibrated"], kCameras);
-  const std::string calibration = calibrated["result"]["calibration"];
+  calibration_ = calibrated["result"]["calibration"];
   EXPECT_FALSE(daemon.Get("/v1/status").contains("calibration")) << "not before it is activated";
-  EXPECT_EQ(daemon.Post("/v1/calibrations/" + calibration + "/activate")["active"], true);
-  EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration);
+  EXPECT_EQ(daemon.Post("/v1/calibrations/" + calibration_ + "/activate")["active"], true);
+  EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration_);
+}
 
-  // Capture: the same request twice is one shot; a reconstruction follows by itself.
+/// The same request twice is one shot; a reconstruction follows by itself.
+void DaemonSystem::CapturePerson() {
+  Daemon& daemon = *daemon_;
   ASSERT_EQ(SendToCameras({"shot", std::to_string(kShots)}), 0);
   const std::vector<std::string> key = {"-H", "Idempotency-Key: person-1"};
   const Json first = daemon.Post("/v1/captures", R"({"subject":"person"})", key);
@@ -230,19 +251,22 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   EXPECT_EQ(first.at("id"), second.at("id"));
   const Json shot = daemon.Ended(first);
   ASSERT_EQ(shot["state"], "done") << shot.dump(1) << daemon.Log();
-  const std::string capture = shot["result"]["capture"];
+  capture_ = shot["result"]["capture"];
   EXPECT_EQ(daemon.Get("/v1/captures")["items"].size(), kShots + 1u);
   ASSERT_TRUE(WaitUntil([&] {
-    return daemon.Get("/v1/captures/" + capture).contains("reconstruction");
+    return daemon.Get("/v1/captures/" + capture_).contains("reconstruction");
   })) << daemon.Curl("/v1/jobs").output;
-  const Json seen = daemon.Get("/v1/captures/" + capture);
+  const Json seen = daemon.Get("/v1/captures/" + capture_);
   EXPECT_EQ(seen["subject"], "person");
-  EXPECT_EQ(seen["calibration"], calibration);
+  EXPECT_EQ(seen["calibration"], calibration_);
   EXPECT_EQ(seen["verdict"], "sure");
+}
 
-  // The pictures are those that the cameras were given, and the poses those of the truth.
-  const std::string in_capture = "/v1/captures/" + capture;
-  const std::string camera = seen["frames"][0]["camera"];
+/// The poses are those of the truth.
+void DaemonSystem::LookAtPicturesAndPoses() {
+  Daemon& daemon = *daemon_;
+  const std::string in_capture = "/v1/captures/" + capture_;
+  const std::string camera = daemon.Get(in_capture)["frames"][0]["camera"];
   const fs::path poses = daemon / "poses.json", picture = daemon / "frame.png";
   EXPECT_EQ(daemon.Curl(in_capture + "/poses", {"-f", "-o", poses}).exit_code, 0);
   EXPECT_EQ(daemon.Curl(in_capture + "/frames/" + camera + ".png", {"-f", "-o", picture}).exit_code,
@@ -252,10 +276,14 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
                                             *folder_ / "person" / "truth.json", "--json"});
   ASSERT_EQ(errors.exit_code, 0) << errors.errors;
   EXPECT_EQ(Json::parse(errors.output)["registered"], kCameras) << errors.output;
-  // Pictures of 420 pixels: a pixel is 1.2 mm at the body, a corner is good to a hundredth of one.
-  EXPECT_LT(Json::parse(errors.output)["mean_position_mm"], 3.0) << errors.output;
+  // A pixel of these small pictures is 2.5 mm at the body, and features are good to a fifth of one:
+  // the reconstruction's own sigma is 1.4 mm.
+  EXPECT_LT(Json::parse(errors.output)["mean_position_mm"], 2.0) << errors.output;
+}
 
-  // Report and exports.
+void DaemonSystem::LookAtReportAndExports() {
+  Daemon& daemon = *daemon_;
+  const std::string in_capture = "/v1/captures/" + capture_;
   EXPECT_NE(daemon.Curl(in_capture + "/report").output.find("</html>"), std::string::npos);
   for (const std::string format : {"colmap", "colmap-text", "ply"}) {
     const fs::path file = daemon / format;
@@ -267,47 +295,59 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
     EXPECT_NE(list.output.find(format == "colmap" ? "images.bin" : "images.txt"), std::string::npos)
         << list.output;
   }
+}
 
-  // Drift: nothing has moved.
+/// Nothing has moved.
+void DaemonSystem::LookAtDrift() {
+  Daemon& daemon = *daemon_;
   const Json drift = daemon.Get("/v1/drift");
-  EXPECT_EQ(drift["calibration"], calibration);
+  EXPECT_EQ(drift["calibration"], calibration_);
   ASSERT_EQ(drift["cameras"].size(), static_cast<size_t>(kCameras)) << drift.dump(1);
   for (const Json& each : drift["cameras"]) EXPECT_EQ(each["moved"], false) << each.dump();
-  EXPECT_EQ(daemon.Get("/v1/drift?camera=" + camera)["items"].size(), 1u);
+  EXPECT_EQ(
+      daemon.Get("/v1/drift?camera=" + drift["cameras"][0]["camera"].get<std::string>())["items"]
+          .size(),
+      1u);
+}
 
-  // What the stream said, and what one says that begins in the middle.
+/// What the stream said, and what one says that begins in the middle.
+void DaemonSystem::LookAtEvents() {
+  Daemon& daemon = *daemon_;
   const std::vector<std::string> told = {"capture_stored", "calibration_stored",
                                          "calibration_activated", "reconstruction_stored"};
   ASSERT_TRUE(WaitUntil([&] {
-    return events.Output().find("event: reconstruction_stored") != std::string::npos;
-  })) << events.Output();
+    return events_->Output().find("event: reconstruction_stored") != std::string::npos;
+  })) << events_->Output();
   size_t at = 0;
-  const std::vector<std::string> kinds = KindsIn(events.Output());
+  const std::vector<std::string> kinds = KindsIn(events_->Output());
   for (const std::string& kind : kinds) at += at < told.size() && kind == told[at];
-  EXPECT_EQ(at, told.size()) << events.Output();
-  const size_t activated = events.Output().find("event: calibration_activated");
-  const size_t id = events.Output().rfind("id: ", activated);
+  EXPECT_EQ(at, told.size()) << events_->Output();
+  const size_t activated = events_->Output().find("event: calibration_activated");
+  const size_t id = events_->Output().rfind("id: ", activated);
   const std::string last_id =
-      events.Output().substr(id + 4, events.Output().find('\n', id) - id - 4);
+      events_->Output().substr(id + 4, events_->Output().find('\n', id) - id - 4);
   const ProcessOutcome resumed =
       daemon.Curl("/v1/events", {"-N", "--max-time", "1", "-H", "Last-Event-ID: " + last_id});
   EXPECT_EQ(resumed.output.find("calibration_activated"), std::string::npos);
   EXPECT_NE(resumed.output.find("reconstruction_stored"), std::string::npos) << resumed.output;
   EXPECT_NE(resumed.output.find(": nothing new"), std::string::npos) << "a sign of life";
+}
 
-  // The command shows the same.
+/// The commands show the same.
+void DaemonSystem::UseTheCommands() {
+  Daemon& daemon = *daemon_;
   const auto command = [&](std::vector<std::string> words) {
     words.insert(words.begin(), ROTUNDA_COMMAND);
     words.insert(words.end(), {"--socket", daemon.Socket()});
     return words;
   };
   for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
-           {"captures"}, {"captures", capture}, {"jobs"}, {"status"}}) {
+           {"captures"}, {"captures", capture_}, {"jobs"}, {"status"}}) {
     const ProcessOutcome shown = RunProcess(command(words));
     EXPECT_EQ(shown.exit_code, 0) << shown.errors;
-    EXPECT_NE(shown.output.find(capture), std::string::npos) << words[0] << shown.output;
+    EXPECT_NE(shown.output.find(capture_), std::string::npos) << words[0] << shown.output;
   }
-  const ProcessOutcome in_force = RunProcess(command({"calibrations", calibration, "--json"}));
+  const ProcessOutcome in_force = RunProcess(command({"calibrations", calibration_, "--json"}));
   EXPECT_EQ(Json::parse(in_force.output)["active"], true) << in_force.errors;
   EXPECT_EQ(RunProcess(command({"cameras"})).exit_code, 0);
   const ProcessOutcome none = RunProcess(command({"captures", "none"}));
@@ -323,28 +363,47 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   const ProcessOutcome by_command =
       RunProcess(command({"capture", "--subject", "second", "--no-reconstruct", "--json"}));
   ASSERT_EQ(by_command.exit_code, 0) << by_command.errors;
-  const std::string newest = Json::parse(by_command.output)["capture"];
+  newest_ = Json::parse(by_command.output)["capture"];
+}
 
-  // A copy of the database, made beside the daemon.
+/// A copy of the database, made beside the daemon.
+void DaemonSystem::BackUp() {
+  Daemon& daemon = *daemon_;
   const fs::path copy = daemon / "copy.db";
   const std::vector<std::string> back_up = {ROTUNDA_DAEMON, "--config", daemon / "rotundad.toml",
                                             "--backup", copy};
   EXPECT_EQ(RunProcess(back_up).exit_code, 0);
   EXPECT_TRUE(fs::exists(copy));
   EXPECT_EQ(RunProcess(back_up).exit_code, 1) << "it is there already";
+}
 
-  // Reload, stop, start again: nothing is forgotten.
+/// Nothing is forgotten.
+void DaemonSystem::ReloadStopAndStartAgain() {
+  Daemon& daemon = *daemon_;
   daemon.process().Signal(SIGHUP);
   EXPECT_TRUE(daemon.notify().WaitFor("RELOADING=1", kPatience));
   EXPECT_TRUE(daemon.notify().WaitFor("READY=1", kPatience));
   daemon.process().Signal(SIGTERM);
   EXPECT_TRUE(daemon.notify().WaitFor("STOPPING=1", kPatience));
   EXPECT_EQ(daemon.process().Wait(), 0) << daemon.Log();
-  EXPECT_EQ(events.Wait(), 0) << "the stream ended as a stream should";
+  EXPECT_EQ(events_->Wait(), 0) << "the stream ended as a stream should";
   daemon.Start();
-  EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], newest);
-  EXPECT_EQ(daemon.Get("/v1/captures")["items"][1]["id"], capture);
-  EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration);
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], newest_);
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][1]["id"], capture_);
+  EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration_);
+}
+
+TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  ASSERT_NO_FATAL_FAILURE(CalibrateFromTheTarget());
+  ASSERT_NO_FATAL_FAILURE(CapturePerson());
+  ASSERT_NO_FATAL_FAILURE(LookAtPicturesAndPoses());
+  ASSERT_NO_FATAL_FAILURE(LookAtReportAndExports());
+  ASSERT_NO_FATAL_FAILURE(LookAtDrift());
+  ASSERT_NO_FATAL_FAILURE(LookAtEvents());
+  ASSERT_NO_FATAL_FAILURE(UseTheCommands());
+  ASSERT_NO_FATAL_FAILURE(BackUp());
+  ASSERT_NO_FATAL_FAILURE(ReloadStopAndStartAgain());
 }
 
 /// A daemon whose only camera is not there; its captures are put into the state folder.
