@@ -134,10 +134,6 @@ Result<int64_t> Database::Number(const std::string& sql) {
 
 int64_t Database::LastInsertedRow() const { return sqlite3_last_insert_rowid(handle_.get()); }
 
-size_t Database::ChangedRows() const {
-  return static_cast<size_t>(sqlite3_changes64(handle_.get()));
-}
-
 Status Database::CopyTo(const std::filesystem::path& file) {
   ROTUNDA_ASSIGN_OR_RETURN(const Database copy, Open(file, Access::kReadWrite));
   sqlite3_backup* backup = sqlite3_backup_init(copy.handle_.get(), "main", handle_.get(), "main");

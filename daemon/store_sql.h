@@ -83,7 +83,6 @@ class Database {
   /// The one number of a one-row query.
   Result<int64_t> Number(const std::string& sql);
   int64_t LastInsertedRow() const;
-  size_t ChangedRows() const;
   /// Pages of the database, copied to a new file.
   Status CopyTo(const std::filesystem::path& file);
 
