@@ -115,8 +115,7 @@ Result<Database> Database::Open(const std::filesystem::path& file, Access access
   sqlite3_busy_timeout(handle, kBusyPatience_ms);
   sqlite3_db_config(handle, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
   sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
-  ROTUNDA_RETURN_IF_ERROR(
-      database.Execute("PRAGMA cache_size = -" + std::to_string(kCache_kb)));
+  ROTUNDA_RETURN_IF_ERROR(database.Execute("PRAGMA cache_size = -" + std::to_string(kCache_kb)));
   return database;
 }
 
