@@ -41,10 +41,11 @@ Section TriggerSection(rig::TriggerOptions& trigger) {
 
 }  // namespace
 
-Result<rig::CaptureOptions> ParseCaptureOptions(const std::string& text,
-                                                const std::string& source) {
-  ROTUNDA_ASSIGN_OR_RETURN(const TomlFile file, TomlFile::Parse(text, source));
-  rig::CaptureOptions options;
+CheckedCaptureOptions CheckCaptureOptions(const std::string& text, const std::string& source) {
+  CheckedCaptureOptions checked;
+  const Result<TomlFile> file = TomlFile::Parse(text, source);
+  if (!file) return {{}, {file.error()}};
+  rig::CaptureOptions& options = checked.options;
   std::deque<rig::CameraPlace> cameras;  // whose places in memory stay
   std::deque<rig::UplinkOptions> uplinks;
   const auto camera_fields = [&](const std::string& name) -> std::vector<Field> {
@@ -57,18 +58,28 @@ Result<rig::CaptureOptions> ParseCaptureOptions(const std::string& text,
     uplink.name = name;
     return {{"mbit_per_s", &uplink.mbit_per_s}, {"camera_mbit_per_s", &uplink.camera_mbit_per_s}};
   };
-  ROTUNDA_RETURN_IF_ERROR(file.Read({CaptureSection(options),
-                                     TriggerSection(options.trigger),
-                                     {"uplinks", {}, uplink_fields},
-                                     {"cameras", {}, camera_fields}}));
+  checked.problems = file->ReadAll({CaptureSection(options),
+                                    TriggerSection(options.trigger),
+                                    {"uplinks", {}, uplink_fields},
+                                    {"cameras", {}, camera_fields}});
   options.cameras.assign(cameras.begin(), cameras.end());
   options.uplinks.assign(uplinks.begin(), uplinks.end());
   // One link needs no naming.
   for (rig::CameraPlace& camera : options.cameras) {
     if (camera.uplink.empty() && uplinks.size() == 1) camera.uplink = uplinks.front().name;
   }
-  if (Status status = options.Validate(); !status) return file.Located(status.error());
-  return options;
+  if (!checked.problems.empty()) return checked;
+  if (Status status = options.Validate(); !status) {
+    checked.problems.push_back(file->Located(status.error()));
+  }
+  return checked;
+}
+
+Result<rig::CaptureOptions> ParseCaptureOptions(const std::string& text,
+                                                const std::string& source) {
+  CheckedCaptureOptions checked = CheckCaptureOptions(text, source);
+  if (!checked.problems.empty()) return checked.problems.front();
+  return std::move(checked.options);
 }
 
 Result<rig::CaptureOptions> ReadCaptureOptions(const std::filesystem::path& file) {

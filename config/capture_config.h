@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "rig/capture_options.h"
 #include "sfm/core/result.h"
@@ -14,5 +15,12 @@ namespace rotunda::config {
 /// frames that do not get through their uplink in time.
 Result<rig::CaptureOptions> ParseCaptureOptions(const std::string& text, const std::string& source);
 Result<rig::CaptureOptions> ReadCaptureOptions(const std::filesystem::path& file);
+
+/// The same, with every key that is wrong instead of the first.
+struct CheckedCaptureOptions {
+  rig::CaptureOptions options;  // to be used only when there are no problems
+  std::vector<Error> problems;
+};
+CheckedCaptureOptions CheckCaptureOptions(const std::string& text, const std::string& source);
 
 }  // namespace rotunda::config

@@ -31,10 +31,11 @@ Result<TomlFile> TomlFile::Parse(const std::string& text, const std::string& sou
   }
 }
 
+size_t TomlFile::LineOf(const toml::node& node) { return node.source().begin.line; }
+
 Error TomlFile::At(const toml::node& node, const std::string& key,
                    const std::string& message) const {
-  return {ErrorCode::kBadInput, message,
-          source_ + ":" + std::to_string(node.source().begin.line) + ": " + key};
+  return {ErrorCode::kBadInput, message, source_ + ":" + std::to_string(LineOf(node)) + ": " + key};
 }
 
 size_t TomlFile::Count(const std::string& name) const {
@@ -47,61 +48,70 @@ bool TomlFile::Has(const std::string& path) const {
 }
 
 Status TomlFile::Read(const std::vector<Section>& sections) const {
+  const std::vector<Error> problems = ReadAll(sections);
+  return problems.empty() ? Status() : Status(problems.front());
+}
+
+std::vector<Error> TomlFile::ReadAll(const std::vector<Section>& sections) const {
+  Problems problems;
   for (const auto& [key, node] : table_) {
     const std::string name(key.str());
     const size_t count = Count(name);
-    if (count == 0) ROTUNDA_RETURN_IF_ERROR(ReadNode(name, node, sections));
+    if (count == 0) ReadNode(name, node, sections, problems);
     for (size_t i = 0; i < count; ++i) {
-      ROTUNDA_RETURN_IF_ERROR(
-          ReadNode(name + "[" + std::to_string(i) + "]", *node.as_array()->get(i), sections));
+      ReadNode(name + "[" + std::to_string(i) + "]", *node.as_array()->get(i), sections, problems);
     }
   }
-  return {};
+  std::vector<Error> in_order;
+  for (auto& [line, problem] : problems) in_order.push_back(std::move(problem));
+  return in_order;
 }
 
-Status TomlFile::ReadNode(const std::string& name, const toml::node& node,
-                          const std::vector<Section>& sections) const {
+void TomlFile::ReadNode(const std::string& name, const toml::node& node,
+                        const std::vector<Section>& sections, Problems& problems) const {
+  const auto refuse = [&](const std::string& why) {
+    problems.emplace(LineOf(node), At(node, name, why));
+  };
   const auto known = std::find_if(sections.begin(), sections.end(),
                                   [&](const Section& section) { return section.name == name; });
   if (known == sections.end()) {
-    return At(node, name,
-              "is not known; allowed are the tables " +
+    return refuse("is not known; allowed are the tables " +
                   ListOf(sections, [](const Section& s) { return s.name; }));
   }
-  if (!node.is_table()) {
-    return At(node, name, "is a " + Describe(node) + ", expected a table");
-  }
-  return known->each ? ReadEach(*node.as_table(), *known)
-                     : ReadFields(*node.as_table(), known->name, known->fields);
+  if (!node.is_table()) return refuse("is a " + Describe(node) + ", expected a table");
+  known->each ? ReadEach(*node.as_table(), *known, problems)
+              : ReadFields(*node.as_table(), *known, problems);
 }
 
-Status TomlFile::ReadEach(const toml::table& table, const Section& section) const {
+void TomlFile::ReadEach(const toml::table& table, const Section& section,
+                        Problems& problems) const {
   for (const auto& [key, node] : table) {
     const std::string name = section.name + "." + std::string(key.str());
-    if (!node.is_table()) {
-      return At(node, name, "is a " + Describe(node) + ", expected a table");
+    if (node.is_table()) {
+      ReadFields(*node.as_table(), {name, section.each(std::string(key.str()))}, problems);
+    } else {
+      problems.emplace(LineOf(node),
+                       At(node, name, "is a " + Describe(node) + ", expected a table"));
     }
-    ROTUNDA_RETURN_IF_ERROR(
-        ReadFields(*node.as_table(), name, section.each(std::string(key.str()))));
   }
-  return {};
 }
 
-Status TomlFile::ReadFields(const toml::table& table, const std::string& table_name,
-                            const std::vector<Field>& fields) const {
+void TomlFile::ReadFields(const toml::table& table, const Section& section,
+                          Problems& problems) const {
   for (const auto& [key, node] : table) {
-    const std::string name = table_name + "." + std::string(key.str());
+    const std::string name = section.name + "." + std::string(key.str());
     const auto field =
-        std::find_if(fields.begin(), fields.end(),
+        std::find_if(section.fields.begin(), section.fields.end(),
                      [&key = key](const Field& candidate) { return candidate.key == key.str(); });
-    if (field == fields.end()) {
-      return At(node, name, "is not known; allowed are " + ListOf(fields, [](const Field& f) {
-                              return f.key;
-                            }));
+    if (field == section.fields.end()) {
+      problems.emplace(LineOf(node),
+                       At(node, name,
+                          "is not known; allowed are " +
+                              ListOf(section.fields, [](const Field& f) { return f.key; })));
+    } else if (Status status = ReadField(node, name, *field); !status) {
+      problems.emplace(LineOf(node), status.error());
     }
-    ROTUNDA_RETURN_IF_ERROR(ReadField(node, name, *field));
   }
-  return {};
 }
 
 Status TomlFile::ReadField(const toml::node& node, const std::string& name,

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <map>
 #include <string>
 #include <string_view>
 #include <variant>
@@ -38,8 +39,10 @@ class TomlFile {
   /// Whether the file gives "table.key" or "table".
   bool Has(const std::string& path) const;
 
-  /// Fills in what the file gives. Any other table or key is refused.
+  /// Fills in what the file gives. Any other table or key is refused. The first problem.
   Status Read(const std::vector<Section>& sections) const;
+  /// The same; every problem, in the order of the file's lines.
+  std::vector<Error> ReadAll(const std::vector<Section>& sections) const;
 
   /// The error of a Validate() whose context is "table.key", with the line the key is on, or else
   /// that of its table.
@@ -48,12 +51,15 @@ class TomlFile {
  private:
   TomlFile(toml::table table, std::string source)
       : table_(std::move(table)), source_(std::move(source)) {}
+  /// What is wrong, by line.
+  using Problems = std::multimap<size_t, Error>;
+  static size_t LineOf(const toml::node& node);
   Error At(const toml::node& node, const std::string& key, const std::string& message) const;
-  Status ReadNode(const std::string& name, const toml::node& node,
-                  const std::vector<Section>& sections) const;
-  Status ReadEach(const toml::table& table, const Section& section) const;
-  Status ReadFields(const toml::table& table, const std::string& table_name,
-                    const std::vector<Field>& fields) const;
+  void ReadNode(const std::string& name, const toml::node& node,
+                const std::vector<Section>& sections, Problems& problems) const;
+  void ReadEach(const toml::table& table, const Section& section, Problems& problems) const;
+  /// `section.name` is that of the table.
+  void ReadFields(const toml::table& table, const Section& section, Problems& problems) const;
   Status ReadField(const toml::node& node, const std::string& name, const Field& field) const;
 
   toml::table table_;

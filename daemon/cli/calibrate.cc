@@ -3,20 +3,14 @@
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "config/board_config.h"
+#include "daemon/calibration_job.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/terminal.h"
-#include "rig/board_sightings.h"
-#include "rig/calibration_checks.h"
-#include "rig/calibration_comparison.h"
-#include "rig/calibration_report.h"
-#include "rig/calibration_result.h"
 #include "sfm/core/file_io.h"
-#include "sfm/core/frame_set.h"
 
 namespace rotunda::cli {
 namespace {
@@ -36,14 +30,7 @@ struct CalibrateArguments {
   rig::LensModel model = rig::LensModel::kOpencv;
 };
 
-/// When the newest shot was taken, or now when the pictures do not say.
-std::string CreatedAt(const rig::BoardSightings& sightings) {
-  std::string newest;
-  for (const rig::BoardShot& shot : sightings.shots) {
-    const Result<FrameSet> set = ReadFrameSet(shot.folder);
-    if (set && !set->plain_folder) newest = std::max(newest, set->captured_at);
-  }
-  if (!newest.empty()) return newest;
+std::string NowText() {
   const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
   std::tm utc = {};
   gmtime_r(&now, &utc);
@@ -52,103 +39,13 @@ std::string CreatedAt(const rig::BoardSightings& sightings) {
   return text;
 }
 
-/// "charuco-20260118T101500Z".
-std::string IdOf(const std::string& created_at) {
-  std::string id = "charuco-";
-  for (const char c : created_at) {
-    if (std::isalnum(static_cast<unsigned char>(c)) != 0) id += c;
-  }
-  return id;
-}
-
 Result<std::optional<Calibration>> ReadOptional(const std::optional<fs::path>& file) {
   if (!file) return std::optional<Calibration>();
   ROTUNDA_ASSIGN_OR_RETURN(Calibration calibration, ReadCalibration(*file));
   return std::optional<Calibration>(std::move(calibration));
 }
 
-/// "c00r5, c01r5 and c02r5".
-std::string Listed(const std::vector<std::string>& names) {
-  std::string text = names[0];
-  for (size_t i = 1; i < names.size(); ++i) {
-    text += (i + 1 == names.size() ? " and " : ", ") + names[i];
-  }
-  return text;
-}
-
-/// What to do for better coverage, once for all cameras to whom it applies.
-std::vector<std::string> Advice(const rig::BoardSightings& sightings,
-                                const std::vector<rig::CameraCheck>& checks) {
-  std::map<std::string, std::vector<std::string>> cameras;
-  for (size_t c = 0; c < checks.size(); ++c) {
-    for (const std::string& advice : checks[c].advice) {
-      cameras[advice].push_back(sightings.cameras[c].camera);
-    }
-  }
-  std::vector<std::string> lines;
-  for (const auto& [advice, names] : cameras) lines.push_back(Listed(names) + ": " + advice);
-  return lines;
-}
-
-std::vector<std::string> Notes(const rig::BoardSightings& sightings,
-                               const rig::RigCalibration& result,
-                               const std::vector<rig::CameraCheck>& checks) {
-  std::vector<std::string> notes;
-  if (!result.frame_problem.empty()) notes.push_back(result.frame_problem);
-  for (size_t c = 0; c < sightings.cameras.size(); ++c) {
-    const std::string& name = sightings.cameras[c].camera;
-    if (!result.camera_problem[c].empty()) {
-      notes.push_back(name + " is not calibrated: " + result.camera_problem[c]);
-    }
-  }
-  for (size_t s = 0; s < sightings.shots.size(); ++s) {
-    if (!result.shot_problem[s].empty()) {
-      notes.push_back(sightings.shots[s].id + " was left out: " + result.shot_problem[s]);
-    }
-  }
-  for (const rig::DroppedPicture& dropped : result.dropped) {
-    if (!dropped.camera) continue;
-    notes.push_back(sightings.cameras[*dropped.camera].camera + " in " +
-                    sightings.shots[dropped.shot].id + " was left out: " + dropped.reason);
-  }
-  for (std::string& advice : Advice(sightings, checks)) notes.push_back(std::move(advice));
-  if (result.drawing_refused) {
-    notes.push_back(
-        "the faces of the board do not stand as the board file draws them; where they are was "
-        "found from the pictures alone");
-  }
-  return notes;
-}
-
-std::vector<std::string> Changes(const rig::CalibrationComparison& comparison) {
-  std::vector<std::string> changes;
-  char text[200];
-  for (const rig::CameraChange& change : comparison.cameras) {
-    if (change.moved) {
-      std::snprintf(text, sizeof(text), " moved by %.2f mm, %.3f deg (%.1f sigma)",
-                    change.position_mm, change.rotation_deg, change.sigmas);
-      changes.push_back(change.camera + text +
-                        (change.swapped_with ? ": it stands where " + *change.swapped_with +
-                                                   " was; are the two swapped?"
-                                             : ""));
-    }
-    if (change.other_serial) changes.push_back(change.camera + " has another serial number");
-  }
-  for (const std::string& camera : comparison.only_before) changes.push_back(camera + " is gone");
-  for (const std::string& camera : comparison.only_after) changes.push_back(camera + " is new");
-  return changes;
-}
-
-/// What the command shows, on paper or as JSON.
-struct Outcome {
-  Calibration calibration;
-  size_t cameras = 0, shots = 0, shots_used = 0;
-  std::string frame;
-  std::vector<rig::RejectedCount> rejected;
-  std::vector<std::string> notes;
-  std::optional<std::vector<std::string>> changes;
-  std::vector<StageCost> costs;
-};
+using daemon::CalibrationOutcome;
 
 /// "7 x seen twice (most: c03r2 4, c04r2 3)".
 std::string RejectedText(const rig::RejectedCount& rejected) {
@@ -170,26 +67,30 @@ nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejec
   return list;
 }
 
-void PrintJson(const CalibrateArguments& arguments, const Outcome& outcome) {
+void PrintJson(const CalibrateArguments& arguments, const CalibrationOutcome& outcome,
+               const std::vector<StageCost>& costs) {
   nlohmann::ordered_json stages = nlohmann::ordered_json::array();
-  for (const StageCost& cost : outcome.costs) {
+  for (const StageCost& cost : costs) {
     stages.push_back({{"stage", cost.stage},
                       {"seconds", cost.seconds},
                       {"peak_memory_mb", cost.peak_memory_mb}});
   }
   const CalibrationResiduals& residuals = *outcome.calibration.residuals;
-  nlohmann::ordered_json result = {
-      {"out", arguments.out.string()}, {"calibrated", outcome.calibration.cameras.size()},
-      {"of", outcome.cameras},         {"shots_used", outcome.shots_used},
-      {"shots", outcome.shots},        {"corners", residuals.corners},
-      {"kept", residuals.kept},        {"rms_px", residuals.rms_px},
-      {"noise", residuals.noise}};
+  nlohmann::ordered_json result = {{"out", arguments.out.string()},
+                                   {"calibrated", outcome.calibration.cameras.size()},
+                                   {"of", outcome.sightings.cameras.size()},
+                                   {"shots_used", outcome.ShotsUsed()},
+                                   {"shots", outcome.sightings.shots.size()},
+                                   {"corners", residuals.corners},
+                                   {"kept", residuals.kept},
+                                   {"rms_px", residuals.rms_px},
+                                   {"noise", residuals.noise}};
   if (residuals.held_out_rms_px) result["held_out_rms_px"] = *residuals.held_out_rms_px;
   if (residuals.held_out_p95_px) result["held_out_p95_px"] = *residuals.held_out_p95_px;
-  result["rig_frame"] = outcome.frame;
-  result["rejected_markers"] = RejectedJson(outcome.rejected);
+  result["rig_frame"] = outcome.result.frame;
+  result["rejected_markers"] = RejectedJson(rig::CountRejected(outcome.sightings));
   result["notes"] = outcome.notes;
-  if (outcome.changes) result["changes"] = *outcome.changes;
+  if (const auto changes = outcome.Changes()) result["changes"] = *changes;
   result["stages"] = stages;
   std::printf("%s\n", result.dump(1).c_str());
 }
@@ -210,11 +111,12 @@ void PrintSigmas(const Calibration& calibration) {
       rotation / count, position / count, focal / count, max_rotation, max_position);
 }
 
-void PrintTable(const CalibrateArguments& arguments, const Outcome& outcome) {
+void PrintTable(const CalibrateArguments& arguments, const CalibrationOutcome& outcome,
+                const std::vector<StageCost>& costs) {
   const CalibrationResiduals& residuals = *outcome.calibration.residuals;
   std::printf("Calibrated %zu of %zu cameras from %zu of %zu shots\n",
-              outcome.calibration.cameras.size(), outcome.cameras, outcome.shots_used,
-              outcome.shots);
+              outcome.calibration.cameras.size(), outcome.sightings.cameras.size(),
+              outcome.ShotsUsed(), outcome.sightings.shots.size());
   std::printf(
       "corners                %zu of %zu kept (%.1f %%), RMS %.3f px, %.2f times the "
       "detector's sigma\n",
@@ -232,18 +134,19 @@ void PrintTable(const CalibrateArguments& arguments, const Outcome& outcome) {
         "uncertainty says\n",
         *residuals.half_split_rotation_ratio, *residuals.half_split_position_ratio);
   }
-  std::printf("rig frame              %s\n", outcome.frame.c_str());
-  for (const rig::RejectedCount& rejected : outcome.rejected) {
+  std::printf("rig frame              %s\n", outcome.result.frame.c_str());
+  for (const rig::RejectedCount& rejected : rig::CountRejected(outcome.sightings)) {
     std::printf("markers not used       %s\n", RejectedText(rejected).c_str());
   }
   for (const std::string& note : outcome.notes) std::printf("  note: %s\n", note.c_str());
-  if (outcome.changes && outcome.changes->empty()) {
+  const auto changes = outcome.Changes();
+  if (changes && changes->empty()) {
     std::printf("Since the calibration compared with, no camera moved.\n");
-  } else if (outcome.changes) {
+  } else if (changes) {
     std::printf("Since the calibration compared with:\n");
-    for (const std::string& change : *outcome.changes) std::printf("  %s\n", change.c_str());
+    for (const std::string& change : *changes) std::printf("  %s\n", change.c_str());
   }
-  for (const StageCost& cost : outcome.costs) {
+  for (const StageCost& cost : costs) {
     std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,
                 cost.peak_memory_mb);
   }
@@ -251,73 +154,35 @@ void PrintTable(const CalibrateArguments& arguments, const Outcome& outcome) {
   if (arguments.report) std::printf("Report:      %s\n", arguments.report->c_str());
 }
 
-/// The error, with the file that it is about.
-Status CheckFile(const Status& status, const fs::path& file) {
-  return status.ok() ? status : Status(status.error().In(file.string()));
-}
-
 Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& common) {
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::Board board, config::ReadBoard(arguments.board));
-  ROTUNDA_ASSIGN_OR_RETURN(const auto intrinsics_from, ReadOptional(arguments.intrinsics_from));
-  ROTUNDA_ASSIGN_OR_RETURN(const auto frame_from, ReadOptional(arguments.frame_from));
-  ROTUNDA_ASSIGN_OR_RETURN(const auto before, ReadOptional(arguments.compare));
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::ShotPictures pictures, rig::FindShots(arguments.framesets));
-
-  if (before) {
-    ROTUNDA_RETURN_IF_ERROR(CheckFile(
-        rig::CheckShared(pictures.cameras, *before, rig::kMinComparedCameras), *arguments.compare));
-  }
-  if (frame_from) {
-    ROTUNDA_RETURN_IF_ERROR(
-        CheckFile(rig::CheckShared(pictures.cameras, *frame_from, 1), *arguments.frame_from));
-  }
+  daemon::CalibrationTask task;
+  ROTUNDA_ASSIGN_OR_RETURN(task.board, config::ReadBoard(arguments.board));
+  task.framesets = arguments.framesets;
+  task.model = arguments.model;
+  ROTUNDA_ASSIGN_OR_RETURN(task.intrinsics_from, ReadOptional(arguments.intrinsics_from));
+  ROTUNDA_ASSIGN_OR_RETURN(task.frame_from, ReadOptional(arguments.frame_from));
+  ROTUNDA_ASSIGN_OR_RETURN(task.compare, ReadOptional(arguments.compare));
 
   ThreadPool threads(common.threads);
   ProgressLine progress(!common.json);
   RunContext context{threads, common.stop, [&](std::string_view stage, size_t done, size_t total) {
                        progress.Update(stage, done, total);
                      }};
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::BoardSightings sightings,
-                           rig::DetectBoards(pictures, board, {}, context));
-  rig::RigCalibrationOptions options;
-  options.model = arguments.model;
-  if (intrinsics_from) options.intrinsics_from = options.frame_from = &*intrinsics_from;
-  if (frame_from) options.frame_from = &*frame_from;
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::RigCalibration result,
-                           rig::CalibrateRig(board, sightings, options, context));
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::CrossValidation validation,
-                           rig::CrossValidate(board, result, {}, context));
-  const auto checks = rig::CheckCameras(board, sightings, result, {});
-
-  Outcome outcome;
-  outcome.calibration = rig::ToCalibration(board, sightings, result, &validation);
-  outcome.calibration.created_at = CreatedAt(sightings);
-  outcome.calibration.id = IdOf(outcome.calibration.created_at);
-  outcome.cameras = sightings.cameras.size();
-  outcome.shots = sightings.shots.size();
-  for (const auto& shot : result.model.rig_from_board) outcome.shots_used += shot.has_value();
-  outcome.frame = result.frame;
-  outcome.rejected = rig::CountRejected(sightings);
-  outcome.notes = Notes(sightings, result, checks);
-  std::optional<rig::CalibrationComparison> comparison;
-  if (before) {
-    ROTUNDA_ASSIGN_OR_RETURN(comparison,
-                             rig::CompareCalibrations(*before, outcome.calibration, {}));
-    outcome.changes = Changes(*comparison);
+  ROTUNDA_ASSIGN_OR_RETURN(CalibrationOutcome outcome, daemon::MakeCalibration(task, context));
+  if (outcome.calibration.created_at.empty()) {
+    outcome.calibration.created_at = NowText();
+    outcome.calibration.id = daemon::CalibrationIdOf(outcome.calibration.created_at);
   }
-  if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
   if (arguments.report) {
-    const std::string page =
-        rig::BuildCalibrationReport({board, sightings, result, outcome.calibration, checks,
-                                     validation, comparison, outcome.notes});
-    ROTUNDA_RETURN_IF_ERROR(WriteFileAtomically(*arguments.report, page));
+    ROTUNDA_RETURN_IF_ERROR(
+        WriteFileAtomically(*arguments.report, daemon::CalibrationPage(task, outcome)));
   }
   ROTUNDA_RETURN_IF_ERROR(WriteCalibration(outcome.calibration, arguments.out));
-  outcome.costs = progress.Finish();
+  const std::vector<StageCost> costs = progress.Finish();
   if (common.json) {
-    PrintJson(arguments, outcome);
+    PrintJson(arguments, outcome, costs);
   } else {
-    PrintTable(arguments, outcome);
+    PrintTable(arguments, outcome, costs);
   }
   return {};
 }

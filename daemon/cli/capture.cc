@@ -11,15 +11,15 @@
 #include <thread>
 
 #include "config/capture_config.h"
+#include "daemon/capture_job.h"
 #include "daemon/cli/commands.h"
+#include "daemon/cli/daemon_commands.h"
 #include "daemon/cli/serve_cameras.h"
 #include "daemon/cli/terminal.h"
 #include "rig/aravis_camera.h"
 #include "rig/camera_discovery.h"
 #include "rig/capture_session.h"
 #include "rig/frame_set_writer.h"
-#include "rig/gpiod_trigger_line.h"
-#include "rig/sim/socket_trigger.h"
 #include "sfm/core/file_io.h"
 
 namespace rotunda::cli {
@@ -50,28 +50,6 @@ std::string NowText(const char* format) {
   char text[32];
   std::strftime(text, sizeof(text), format, &utc);
   return text;
-}
-
-/// The number N of a camera's input "LineN".
-Result<int> LineOf(const std::string& camera_input) {
-  constexpr std::string_view kLine = "Line";
-  int line = 0;
-  if (camera_input.starts_with(kLine)) {
-    const char* end = camera_input.data() + camera_input.size();
-    const auto [stopped, error] = std::from_chars(camera_input.data() + kLine.size(), end, line);
-    if (error == std::errc() && stopped == end && line >= 0) return line;
-  }
-  return Error{ErrorCode::kBadInput,
-               "is \"" + camera_input + "\", expected Line0 or Line1, which simulated cameras have",
-               "trigger.camera_input"};
-}
-
-Result<std::unique_ptr<rig::TriggerLine>> OpenTrigger(const CaptureArguments& arguments,
-                                                      const rig::CaptureOptions& options) {
-  if (!arguments.simulated) return rig::OpenGpiodTriggerLine(options.trigger.gpio);
-  ROTUNDA_ASSIGN_OR_RETURN(const int line, LineOf(options.trigger.camera_input));
-  return std::unique_ptr<rig::TriggerLine>(
-      std::make_unique<sim::SocketTrigger>(*arguments.simulated, line));
 }
 
 /// Waits for the cameras, telling how many there are.
@@ -145,25 +123,6 @@ Json CameraJson(const rig::CameraShot& camera, const rig::WrittenSet& written) {
   return row;
 }
 
-/// What the shot was, without its frames (which the writer has by then).
-rig::Shot FactsOf(const rig::Shot& shot) {
-  rig::Shot facts;
-  facts.skew = shot.skew;
-  facts.pulses = shot.pulses;
-  facts.first_try = shot.first_try;
-  for (const rig::CameraShot& each : shot.cameras) {
-    rig::CameraShot& copy = facts.cameras.emplace_back();
-    copy.camera = each.camera;
-    copy.verdict = each.verdict;
-    copy.reason = each.reason;
-    copy.settings = each.settings;
-    copy.resent_packets = each.resent_packets;
-    copy.arrival_ms = each.arrival_ms;
-    copy.skew_us = each.skew_us;
-  }
-  return facts;
-}
-
 void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json) {
   if (json) {
     Json cameras = Json::array();
@@ -195,15 +154,14 @@ Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions
   ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, 0));
   ROTUNDA_ASSIGN_OR_RETURN(const rig::CaptureOptions options,
                            config::ReadCaptureOptions(arguments.rig));
-  ROTUNDA_ASSIGN_OR_RETURN(std::unique_ptr<rig::TriggerLine> trigger,
-                           OpenTrigger(arguments, options));
-  ROTUNDA_ASSIGN_OR_RETURN(
-      const std::unique_ptr<rig::CaptureSession> session,
-      rig::CaptureSession::Open(options, {rig::OpenAravisCamera, std::move(trigger)}));
+  ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession::Devices devices,
+                           daemon::OpenDevices(options, arguments.simulated));
+  ROTUNDA_ASSIGN_OR_RETURN(const std::unique_ptr<rig::CaptureSession> session,
+                           rig::CaptureSession::Open(options, std::move(devices)));
   WaitForCameras(*session, common);
   ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, session->ShotLimit_bytes()));
   ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(common.stop));
-  rig::Shot facts = FactsOf(shot);
+  rig::Shot facts = daemon::FactsOf(shot);
   rig::FrameSetWriter writer(common.threads);
   rig::FrameSetOrder order;
   order.out = arguments.out;
@@ -312,30 +270,44 @@ Status ListCameras(const CaptureArguments& arguments, const CommonOptions& commo
                "cameras"};
 }
 
-void AddRigOption(CLI::App* command, CaptureArguments& arguments) {
-  command
+/// Without a daemon; the exit code.
+int CaptureAlone(const CaptureArguments& arguments, const CommonOptions& common) {
+  const Result<rig::Shot> shot = Capture(arguments, common);
+  if (!shot) return Fail(shot.error());
+  if (shot->complete()) return kDone;
+  return Fail({ErrorCode::kFailed, shot->Summary(), "the set is written, but incomplete"});
+}
+
+CLI::Option* AddRigOption(CLI::App* command, CaptureArguments& arguments) {
+  return command
       ->add_option("--rig", arguments.rig,
-                   "Cameras, network, trigger and settings, as in config/capture.toml")
-      ->type_name("FILE")
-      ->required();
+                   "Without a daemon: cameras, network, trigger and settings, as in "
+                   "config/capture.toml")
+      ->type_name("FILE");
 }
 
 }  // namespace
 
 void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
   auto arguments = std::make_shared<CaptureArguments>();
+  auto shot = std::make_shared<DaemonShot>();
   CLI::App* command = AddCommand(
       app, common, "capture",
-      "Take one synchronised picture with all cameras and write it as a frame set. The set is "
-      "written, and marked incomplete, also when cameras missed; the exit status is 1 then.",
-      "rotunda capture --rig config/capture.toml --out person1\n"
+      "Take one synchronised picture with all cameras. With --rig without a daemon, written as a "
+      "frame set; else by the daemon, which keeps and reconstructs it. Also a shot that cameras "
+      "missed is written, and marked incomplete; the exit status is 1 then.",
+      "rotunda capture --subject \"person 1\"\n"
+      "  rotunda capture --rig config/capture.toml --out person1\n"
       "  rotunda capture --rig config/capture.toml --out person1 --simulated");
-  AddRigOption(command, *arguments);
-  command
-      ->add_option("--out", arguments->out,
-                   "Folder to make, in one that exists; if it is there it must be empty")
-      ->type_name("FRAMESET")
-      ->required();
+  command->add_option("--subject", arguments->subject, "Whom or what the pictures show");
+  CLI::Option* rig = AddRigOption(command, *arguments);
+  CLI::Option* out =
+      command
+          ->add_option("--out", arguments->out,
+                       "Folder to make, in one that exists; if it is there it must be empty")
+          ->type_name("FRAMESET")
+          ->needs(rig);
+  rig->needs(out);
   command
       ->add_option_function<std::vector<std::string>>(
           "--simulated",
@@ -346,33 +318,42 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
           "Fire simulated cameras (`rotunda simulate --serve`) instead of the GPIO line; SOCKET as "
           "given to them, if it was")
       ->expected(0, 1)
-      ->type_name("SOCKET");
+      ->type_name("SOCKET")
+      ->needs(rig);
   command
       ->add_option("--calibration", arguments->calibration,
                    "The calibration in force, to go with the set")
       ->type_name("FILE")
-      ->check(CLI::ExistingFile);
-  command->add_option("--subject", arguments->subject, "Whom or what the pictures show");
-  command->callback([arguments, &common, &chosen] {
-    chosen = [arguments, &common] {
-      const Result<rig::Shot> shot = Capture(*arguments, common);
-      if (!shot) return Fail(shot.error());
-      if (shot->complete()) return kDone;
-      return Fail({ErrorCode::kFailed, shot->Summary(), "the set is written, but incomplete"});
+      ->check(CLI::ExistingFile)
+      ->needs(rig);
+  AddSocketOption(command, shot->socket)->excludes(rig);
+  command
+      ->add_flag_callback(
+          "--no-reconstruct", [shot] { shot->reconstruct = false; },
+          "Do not reconstruct it afterwards (the calibration target)")
+      ->excludes(rig);
+  command->callback([arguments, shot, &common, &chosen] {
+    chosen = [arguments, shot, &common] {
+      if (!arguments->rig.empty()) return CaptureAlone(*arguments, common);
+      shot->subject = arguments->subject;
+      return CaptureByDaemon(*shot, common);
     };
   });
 }
 
 void AddCameras(CLI::App& app, CommonOptions& common, Action& chosen) {
   auto arguments = std::make_shared<CaptureArguments>();
+  auto socket = std::make_shared<fs::path>();
   CLI::App* command = AddCommand(
       app, common, "cameras",
-      "Open all cameras of a rig, tell how each one is, and name those that are missing, "
-      "wrong or not in the configuration.",
-      "rotunda cameras --rig config/capture.toml");
-  AddRigOption(command, *arguments);
-  command->callback([arguments, &common, &chosen] {
-    chosen = [arguments, &common] {
+      "Tell how each camera is: with --rig open them and name those that are missing, wrong or not "
+      "in the configuration; else ask the daemon, which holds them.",
+      "rotunda cameras\n  rotunda cameras --rig config/capture.toml");
+  CLI::Option* rig = AddRigOption(command, *arguments);
+  AddSocketOption(command, *socket)->excludes(rig);
+  command->callback([arguments, socket, &common, &chosen] {
+    chosen = [arguments, socket, &common] {
+      if (arguments->rig.empty()) return CamerasOfDaemon(*socket, common);
       const Status status = ListCameras(*arguments, common);
       return status.ok() ? kDone : Fail(status.error());
     };

@@ -27,6 +27,11 @@ void AddEvaluate(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddExport(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddCameras(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddStatus(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddJobs(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddCaptures(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddEvents(CLI::App& app, CommonOptions& common, Action& chosen);
 
 /// A sub-command with --json, --threads and an example under its help.
 CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& name,

@@ -4,7 +4,7 @@
 
 #include "daemon/cli/commands.h"
 #include "daemon/cli/terminal.h"
-#include "sfm/colmap_io.h"
+#include "daemon/model_export.h"
 #include "sfm/core/file_io.h"
 
 namespace rotunda::cli {
@@ -16,34 +16,20 @@ struct ExportArguments {
   std::string format;
 };
 
-Status WriteFormat(const ExportArguments& arguments, const sfm::ColmapModel& model,
-                   const std::filesystem::path& folder) {
-  if (arguments.format == "ply") {
-    return sfm::WritePly(model.reconstruction, folder / "points.ply");
-  }
-  FrameSet names;
-  for (const std::string& name : model.image_names) names.frames.emplace_back().file = name;
-  const auto encoding =
-      arguments.format == "colmap" ? sfm::ColmapEncoding::kBinary : sfm::ColmapEncoding::kText;
-  return sfm::WriteColmapModel(model.reconstruction, model.features, names, folder, encoding);
-}
-
 Status Export(const ExportArguments& arguments, const CommonOptions& common) {
-  ROTUNDA_ASSIGN_OR_RETURN(const sfm::ColmapModel model,
-                           sfm::ReadColmapModel(arguments.reconstruction / "sparse" / "0"));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
-  ROTUNDA_RETURN_IF_ERROR(WriteFormat(arguments, model, folder.path()));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      const daemon::ExportedModel model,
+      daemon::ExportModel(arguments.reconstruction, arguments.format, folder.path()));
   ROTUNDA_RETURN_IF_ERROR(folder.Commit());
-  const size_t images = sfm::RegisteredCount(model.reconstruction);
-  const size_t points = model.reconstruction.points.size();
   if (common.json) {
     const nlohmann::ordered_json result = {{"out", arguments.out.string()},
                                            {"format", arguments.format},
-                                           {"images", images},
-                                           {"points", points}};
+                                           {"images", model.images},
+                                           {"points", model.points}};
     std::printf("%s\n", result.dump(1).c_str());
   } else {
-    std::printf("Wrote %zu images and %zu points as %s to %s\n", images, points,
+    std::printf("Wrote %zu images and %zu points as %s to %s\n", model.images, model.points,
                 arguments.format.c_str(), arguments.out.c_str());
   }
   return {};
@@ -59,7 +45,7 @@ void AddExport(CLI::App& app, CommonOptions& common, Action& chosen) {
   command->add_option("DIR", arguments->reconstruction, "Folder that `rotunda reconstruct` made")
       ->required();
   command->add_option("--format", arguments->format, "Format to write")
-      ->check(CLI::IsMember({"colmap", "colmap-text", "ply"}))
+      ->check(CLI::IsMember(daemon::ExportFormats()))
       ->required();
   command
       ->add_option("--out", arguments->out,

@@ -49,6 +49,11 @@ int Main(int argc, char** argv) {
   AddExport(app, common, chosen);
   AddCapture(app, common, chosen);
   AddCameras(app, common, chosen);
+  AddStatus(app, common, chosen);
+  AddJobs(app, common, chosen);
+  AddCaptures(app, common, chosen);
+  AddCalibrations(app, common, chosen);
+  AddEvents(app, common, chosen);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {

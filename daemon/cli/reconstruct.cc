@@ -5,8 +5,7 @@
 
 #include "daemon/cli/commands.h"
 #include "daemon/cli/terminal.h"
-#include "sfm/core/calibration.h"
-#include "sfm/core/file_io.h"
+#include "daemon/reconstruction_job.h"
 #include "sfm/core/frame_set.h"
 #include "sfm/pipeline.h"
 #include "sfm/presets.h"
@@ -31,25 +30,6 @@ struct ReconstructArguments {
   std::optional<std::string> start_from;
   uint64_t seed = 0;
 };
-
-/// --calibration, else the calibration that was in force when the set was taken, if it came with
-/// it; and the page that lies beside it.
-Result<sfm::CalibrationInForce> FindCalibration(const ReconstructArguments& arguments) {
-  sfm::CalibrationInForce in_force;
-  std::error_code ignored;
-  fs::path file = arguments.frameset / "calibration.json";
-  if (arguments.calibration) {
-    file = *arguments.calibration;
-  } else if (!fs::exists(file, ignored)) {
-    return in_force;
-  }
-  ROTUNDA_ASSIGN_OR_RETURN(in_force.calibration, ReadCalibration(file));
-  const fs::path page = file.replace_extension(".html");
-  if (fs::exists(page, ignored)) {
-    ROTUNDA_ASSIGN_OR_RETURN(in_force.page, ReadFile(page));
-  }
-  return in_force;
-}
 
 Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
   sfm::PipelineOptions options;
@@ -132,10 +112,12 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
 }
 
 Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& common) {
-  ROTUNDA_ASSIGN_OR_RETURN(const FrameSet set, ReadFrameSet(arguments.frameset));
-  ROTUNDA_ASSIGN_OR_RETURN(const sfm::CalibrationInForce in_force, FindCalibration(arguments));
-  ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineOptions options, MakeOptions(arguments));
-  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
+  daemon::ReconstructionTask task;
+  ROTUNDA_ASSIGN_OR_RETURN(task.set, ReadFrameSet(arguments.frameset));
+  ROTUNDA_ASSIGN_OR_RETURN(task.in_force,
+                           daemon::CalibrationOf(arguments.frameset, arguments.calibration));
+  ROTUNDA_ASSIGN_OR_RETURN(task.options, MakeOptions(arguments));
+  task.out = arguments.out;
 
   ThreadPool threads(common.threads);
   ProgressLine progress(!common.json);
@@ -145,10 +127,7 @@ Status Reconstruct(const ReconstructArguments& arguments, const CommonOptions& c
                      },
                      arguments.seed};
   ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineResult result,
-                           sfm::RunPipeline(set, in_force.calibration, options, context));
-  ROTUNDA_RETURN_IF_ERROR(sfm::WriteResult(result, in_force, folder.path(), context));
-  if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
-  ROTUNDA_RETURN_IF_ERROR(folder.Commit());
+                           daemon::MakeReconstruction(task, context));
 
   const std::vector<StageCost> costs = progress.Finish();
   if (common.json) {

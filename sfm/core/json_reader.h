@@ -10,7 +10,7 @@
 
 #include "sfm/core/result.h"
 
-// Private to the .cc files of this folder: no public header shows the JSON library.
+// For .cc files of this folder and of the daemon: no public header shows the JSON library.
 
 namespace rotunda {
 

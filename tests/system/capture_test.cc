@@ -195,7 +195,8 @@ TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
 }
 
 TEST_F(CaptureCommand, WrongUsageIsRefused) {
-  EXPECT_EQ(Run({"capture"}).exit_code, 2);
+  EXPECT_EQ(Run({"capture", "--out", *folder_ / "x"}).exit_code, 2) << "by the daemon or not?";
+  EXPECT_EQ(Run({"capture", "--rig", *folder_ / "rig.toml"}).exit_code, 2);
   EXPECT_EQ(Run({"capture", "--rig", "/nonexistent", "--out", *folder_ / "x"}).exit_code, 1);
   const ProcessOutcome nobody = Run({"capture", "--rig", *folder_ / "rig.toml", "--out",
                                      *folder_ / "x", "--simulated", *folder_ / "nobody.sock"});

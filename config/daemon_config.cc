@@ -1,0 +1,188 @@
+#include "config/daemon_config.h"
+
+#include <algorithm>
+#include <limits>
+#include <sstream>
+#include <utility>
+
+#include "config/board_config.h"
+#include "config/capture_config.h"
+#include "config/toml_reader.h"
+#include "sfm/core/file_io.h"
+
+namespace rotunda::config {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kAnyAmount = std::numeric_limits<int>::max();
+constexpr int kHour_ms = 3600 * 1000;
+
+std::vector<Section> Sections(DaemonConfig& config) {
+  DaemonConfig::Http& http = config.http;
+  return {{"service",
+           {{"socket", &config.service.socket},
+            {"state_folder", &config.service.state_folder},
+            {"log_level", &config.service.log_level},
+            {"stop_ms", &config.service.stop_ms}}},
+          {"access",
+           {{"viewer_group", &config.access.viewer_group},
+            {"operator_group", &config.access.operator_group}}},
+          {"http",
+           {{"header_bytes", &http.header_bytes},
+            {"body_bytes", &http.body_bytes},
+            {"connections", &http.connections},
+            {"streams", &http.streams},
+            {"request_ms", &http.request_ms},
+            {"write_ms", &http.write_ms},
+            {"heartbeat_ms", &http.heartbeat_ms},
+            {"threads", &http.threads}}},
+          {"devices",
+           {{"capture", &config.devices.capture},
+            {"board", &config.devices.board},
+            {"simulated_socket", &config.devices.simulated_socket},
+            {"ready_ms", &config.devices.ready_ms}}},
+          {"storage",
+           {{"keep_days", &config.storage.keep_days},
+            {"keep_count", &config.storage.keep_count},
+            {"reserve_mb", &config.storage.reserve_mb}}},
+          {"drift",
+           {{"position_mm", &config.drift.position_mm},
+            {"rotation_deg", &config.drift.rotation_deg},
+            {"captures", &config.drift.captures}}},
+          {"jobs",
+           {{"threads", &config.jobs.threads},
+            {"capture_silence_s", &config.jobs.capture_silence_s},
+            {"computing_silence_s", &config.jobs.computing_silence_s}}}};
+}
+
+struct Range {
+  const char* key;
+  double value;
+  double min, max;
+};
+
+std::vector<Range> Ranges(const DaemonConfig& config) {
+  const DaemonConfig::Http& http = config.http;
+  return {{"service.stop_ms", 1.0 * config.service.stop_ms, 100, kHour_ms},
+          // A header must hold what curl and browsers send.
+          {"http.header_bytes", 1.0 * http.header_bytes, 1024, 1 << 20},
+          {"http.body_bytes", 1.0 * http.body_bytes, 1024, 1 << 26},
+          {"http.connections", 1.0 * http.connections, 2, 4096},
+          {"http.streams", 1.0 * http.streams, 1, 4096},
+          {"http.request_ms", 1.0 * http.request_ms, 100, kHour_ms},
+          {"http.write_ms", 1.0 * http.write_ms, 100, kHour_ms},
+          {"http.heartbeat_ms", 1.0 * http.heartbeat_ms, 100, kHour_ms},
+          {"http.threads", 1.0 * http.threads, 1, 64},
+          {"devices.ready_ms", 1.0 * config.devices.ready_ms, 0, kHour_ms},
+          {"storage.keep_days", 1.0 * config.storage.keep_days, 0, 36500},
+          {"storage.keep_count", 1.0 * config.storage.keep_count, 0, kAnyAmount},
+          {"storage.reserve_mb", 1.0 * config.storage.reserve_mb, 0, kAnyAmount},
+          {"drift.position_mm", config.drift.position_mm, 0.01, 1000},
+          {"drift.rotation_deg", config.drift.rotation_deg, 0.001, 180},
+          {"drift.captures", 1.0 * config.drift.captures, 1, 1000},
+          {"jobs.threads", 1.0 * config.jobs.threads, 0, 1024},
+          {"jobs.capture_silence_s", 1.0 * config.jobs.capture_silence_s, 1, 86400},
+          {"jobs.computing_silence_s", 1.0 * config.jobs.computing_silence_s, 1, 86400}};
+}
+
+std::string Plain(double number) {
+  std::ostringstream text;
+  text.precision(12);
+  text << number;
+  return text.str();
+}
+
+/// Values out of range; the context is "table.key".
+std::vector<Error> WrongValues(const DaemonConfig& config) {
+  std::vector<Error> wrong;
+  const auto refuse = [&wrong](const std::string& key, const std::string& why) {
+    wrong.push_back({ErrorCode::kInvalidArgument, why, key});
+  };
+  for (const Range& range : Ranges(config)) {
+    if (range.value >= range.min && range.value <= range.max) continue;
+    refuse(range.key, "is " + Plain(range.value) + ", expected " + Plain(range.min) + " to " +
+                          Plain(range.max));
+  }
+  if (config.http.streams >= config.http.connections) {
+    refuse("http.streams", "is " + std::to_string(config.http.streams) +
+                               ", expected less than http.connections, which is " +
+                               std::to_string(config.http.connections));
+  }
+  const auto absolute = [&](const char* key, const std::string& path) {
+    if (!fs::path(path).is_absolute()) {
+      refuse(key, "is \"" + path + "\", expected an absolute path");
+    }
+  };
+  absolute("service.socket", config.service.socket);
+  absolute("service.state_folder", config.service.state_folder);
+  if (!config.devices.simulated_socket.empty()) {
+    absolute("devices.simulated_socket", config.devices.simulated_socket);
+  }
+  const std::string& level = config.service.log_level;
+  if (level != "debug" && level != "info" && level != "warning" && level != "error") {
+    refuse("service.log_level",
+           "is \"" + level + "\", expected \"debug\", \"info\", \"warning\" or \"error\"");
+  }
+  return wrong;
+}
+
+}  // namespace
+
+CheckedDaemonConfig CheckDaemonConfigText(const std::string& text, const std::string& source) {
+  CheckedDaemonConfig checked;
+  const Result<TomlFile> file = TomlFile::Parse(text, source);
+  if (!file) return {{}, {file.error()}};
+  checked.problems = file->ReadAll(Sections(checked.config));
+  for (const Error& wrong : WrongValues(checked.config)) {
+    checked.problems.push_back(file->Located(wrong));
+  }
+  return checked;
+}
+
+CheckedDaemonConfig CheckDaemonConfig(const fs::path& file) {
+  const Result<std::string> text = ReadFile(file);
+  if (!text) return {{}, {text.error()}};
+  CheckedDaemonConfig checked = CheckDaemonConfigText(*text, file.string());
+  DaemonConfig::Devices& devices = checked.config.devices;
+  devices.capture = file.parent_path() / devices.capture;
+  devices.board = file.parent_path() / devices.board;
+  std::vector<Error>& problems = checked.problems;
+  if (const Result<std::string> capture = ReadFile(devices.capture)) {
+    CheckedCaptureOptions options = CheckCaptureOptions(*capture, devices.capture);
+    checked.config.capture = std::move(options.options);
+    problems.insert(problems.end(), options.problems.begin(), options.problems.end());
+  } else {
+    problems.push_back(capture.error().In("devices.capture"));
+  }
+  if (const Result<rig::Board> board = ReadBoard(devices.board); !board) {
+    problems.push_back(board.error().In("devices.board"));
+  }
+  return checked;
+}
+
+std::vector<std::string> NeedsRestart(const DaemonConfig& running, const DaemonConfig& wanted) {
+  std::vector<std::string> keys;
+  // Sections() gives places to write to; both are copies.
+  DaemonConfig before = running, after = wanted;
+  const std::vector<Section> old_sections = Sections(before), new_sections = Sections(after);
+  for (size_t s = 0; s < old_sections.size(); ++s) {
+    if (old_sections[s].name == "access") continue;  // reloaded
+    for (size_t f = 0; f < old_sections[s].fields.size(); ++f) {
+      const Field& field = old_sections[s].fields[f];
+      const std::string key = old_sections[s].name + "." + std::string(field.key);
+      if (key == "service.log_level" || key == "storage.keep_days" || key == "storage.keep_count") {
+        continue;  // reloaded
+      }
+      const bool same = std::visit(
+          [&](auto* value) {
+            return *value == *std::get<decltype(value)>(new_sections[s].fields[f].target);
+          },
+          field.target);
+      if (!same) keys.push_back(key);
+    }
+  }
+  return keys;
+}
+
+}  // namespace rotunda::config

@@ -1,0 +1,94 @@
+#include "daemon/api_answers.h"
+
+#include <algorithm>
+#include <charconv>
+
+namespace rotunda::daemon {
+namespace {
+
+constexpr size_t kMaxKeyLength = 200;
+
+bool IsKey(const std::string& text) {
+  return text.size() <= kMaxKeyLength &&
+         std::all_of(text.begin(), text.end(), [](char c) { return c > 0x20 && c < 0x7F; });
+}
+
+/// A request that cannot become a job. JSON that cannot be read is the caller's 400; a value or an
+/// id in it that is not right 422; no room on the disk 507.
+HttpResponse Refusal(const Error& error) {
+  switch (error.code) {
+    case ErrorCode::kInvalidArgument:
+    case ErrorCode::kNotFound:
+      return Problem(422, error.ToString());
+    case ErrorCode::kIo:
+      return Problem(507, error.ToString());
+    default:
+      return Problem(error);
+  }
+}
+
+}  // namespace
+
+HttpResponse JsonAnswer(const nlohmann::ordered_json& value, int status) {
+  HttpResponse response;
+  response.status = status;
+  response.body = AnswerText(value);
+  return response;
+}
+
+HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& content_type) {
+  HttpResponse response;
+  response.content_type = content_type;
+  response.file = file;
+  return response;
+}
+
+HttpResponse Busy(const std::string& with_what) {
+  HttpResponse response = Problem(503, with_what + "; try again in a second");
+  response.headers.emplace_back("Retry-After", "1");
+  return response;
+}
+
+std::vector<QueryParameter> PageQuery() {
+  return {{"limit", "At most so many items, 1 to " + std::to_string(kMaxPageLimit) + "; default " +
+                        std::to_string(Page().limit)},
+          {"after", "`next` of the page before"}};
+}
+
+Result<Page> PageOf(const ApiRequest& request) {
+  Page page;
+  if (const auto given = request.query.find("limit"); given != request.query.end()) {
+    const std::string& text = given->second;
+    const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), page.limit);
+    if (failure != std::errc() || end != text.data() + text.size() || page.limit < 1 ||
+        page.limit > kMaxPageLimit) {
+      return Error{ErrorCode::kInvalidArgument,
+                   "is '" + text + "', expected 1 to " + std::to_string(kMaxPageLimit),
+                   "query: limit"};
+    }
+  }
+  if (const auto given = request.query.find("after"); given != request.query.end()) {
+    if (!IsStoreId(given->second)) {
+      return Error{ErrorCode::kInvalidArgument, "is '" + given->second + "', expected an id",
+                   "query: after"};
+    }
+    page.after = given->second;
+  }
+  return page;
+}
+
+HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& body,
+                       const ApiRequest& request) {
+  const std::string key = request.http.Header("idempotency-key");
+  if (!IsKey(key)) {
+    return Problem(400, "Idempotency-Key: expected at most " + std::to_string(kMaxKeyLength) +
+                            " printable characters without spaces");
+  }
+  const Result<JobRecord> job = parts.jobs.Submit(kind, body.empty() ? "{}" : body, key);
+  if (!job) return Refusal(job.error());
+  HttpResponse response = JsonAnswer(ToJson(*job), 202);
+  response.headers.emplace_back("Location", "/v1/jobs/" + std::to_string(job->number));
+  return response;
+}
+
+}  // namespace rotunda::daemon

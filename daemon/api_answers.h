@@ -1,0 +1,35 @@
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "daemon/api.h"
+#include "daemon/api_json.h"
+#include "daemon/http_problem.h"
+
+// Private to the api_*.cc files: what their handlers have in common.
+
+namespace rotunda::daemon {
+
+/// `value` as JSON, or its error.
+HttpResponse JsonAnswer(const nlohmann::ordered_json& value, int status = 200);
+template <typename T>
+HttpResponse JsonAnswer(const Result<T>& value) {
+  return value ? JsonAnswer(ToJson(*value)) : Problem(value.error());
+}
+HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& content_type);
+
+/// 503: what is only done once at a time is being done.
+HttpResponse Busy(const std::string& with_what);
+
+/// `limit` and `after` of every list.
+std::vector<QueryParameter> PageQuery();
+Result<Page> PageOf(const ApiRequest& request);
+
+/// Queues a job with the request's Idempotency-Key: 202 and where to look for it.
+HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& body,
+                       const ApiRequest& request);
+
+}  // namespace rotunda::daemon

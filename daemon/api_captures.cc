@@ -1,0 +1,225 @@
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <system_error>
+
+#include "daemon/api_answers.h"
+#include "daemon/model_export.h"
+#include "daemon/store_captures.h"
+#include "daemon/store_reconstructions.h"
+#include "sfm/core/json_reader.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+HttpResponse List(const ApiParts& parts, const ApiRequest& request) {
+  const Result<Page> page = PageOf(request);
+  return page ? JsonAnswer(ListCaptures(parts.store, *page)) : Problem(page.error());
+}
+
+HttpResponse One(const ApiParts& parts, const std::string& id) {
+  const Result<CaptureRecord> capture = FindCapture(parts.store, id);
+  if (!capture) return Problem(capture.error());
+  const auto frames = ListFrames(parts.store, id);
+  if (!frames) return Problem(frames.error());
+  const auto reconstructions = ListReconstructions(parts.store, id);
+  if (!reconstructions) return Problem(reconstructions.error());
+  Json answer = ToJson(*capture);
+  answer["frames"] = ItemsJson(*frames);
+  answer["reconstructions"] = ItemsJson(*reconstructions);
+  return JsonAnswer(answer);
+}
+
+HttpResponse Picture(const ApiParts& parts, const ApiRequest& request) {
+  const std::string& camera = request.path.at("camera");
+  const auto frames = ListFrames(parts.store, request.path.at("capture"));
+  if (!frames) return Problem(frames.error());
+  const auto found = std::find_if(frames->begin(), frames->end(),
+                                  [&](const FrameRecord& f) { return f.camera == camera; });
+  if (found == frames->end()) {
+    return Problem(404, "the capture has no camera '" + camera + "'");
+  }
+  if (found->file.empty()) {
+    return Problem(404, "camera '" + camera + "' gave no picture: " + found->status);
+  }
+  return FileAnswer(parts.store.options().state_folder / found->file, "image/png");
+}
+
+/// The folder of the capture's newest reconstruction.
+Result<fs::path> NewestReconstruction(const ApiParts& parts, const std::string& id) {
+  ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(parts.store, id));
+  if (capture.reconstruction) return parts.store.ReconstructionFolder(*capture.reconstruction);
+  return Error{ErrorCode::kNotFound,
+               "it is not reconstructed yet; see /v1/jobs, or POST to its reconstructions", id};
+}
+
+HttpResponse ResultFile(const ApiParts& parts, const ApiRequest& request, const std::string& file,
+                        const std::string& content_type) {
+  const auto folder = NewestReconstruction(parts, request.path.at("capture"));
+  return folder ? FileAnswer(*folder / file, content_type) : Problem(folder.error());
+}
+
+/// A folder that goes with the object.
+class ScratchFolder {
+ public:
+  ScratchFolder() {
+    std::error_code failure;
+    std::string name = (fs::temp_directory_path(failure) / "rotunda-export-XXXXXX").string();
+    if (!failure && mkdtemp(name.data()) != nullptr) path_ = name;
+  }
+  ~ScratchFolder() {
+    std::error_code ignored;
+    if (!path_.empty()) fs::remove_all(path_, ignored);
+  }
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
+  const fs::path& path() const { return path_; }  // empty: it could not be made
+
+ private:
+  fs::path path_;
+};
+
+/// The reconstruction as `format`, a tar archive.
+Result<std::string> Archive(const fs::path& reconstruction, const std::string& format) {
+  const ScratchFolder scratch;
+  if (scratch.path().empty()) {
+    return Error{ErrorCode::kIo, "no folder can be made for temporary files", format};
+  }
+  const Result<ExportedModel> exported = ExportModel(reconstruction, format, scratch.path());
+  return exported ? TarOf(scratch.path()) : exported.error();
+}
+
+HttpResponse Export(const ApiParts& parts, const ApiRequest& request, std::mutex& one) {
+  const std::string& capture = request.path.at("capture");
+  const std::string& format = request.query.at("format");
+  const auto folder = NewestReconstruction(parts, capture);
+  if (!folder) return Problem(folder.error());
+  HttpResponse response;
+  const bool is_ply = format == "ply";
+  if (is_ply) {
+    response = FileAnswer(*folder / "points.ply", "application/octet-stream");
+  } else {
+    // It takes memory, and a handler's thread for some seconds: one at a time.
+    const std::unique_lock only(one, std::try_to_lock);
+    if (!only) return Busy("another export is being made");
+    Result<std::string> tar = Archive(*folder, format);
+    if (!tar) return Problem(tar.error());
+    response.content_type = "application/octet-stream";
+    response.body = *std::move(tar);
+  }
+  response.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + capture + "-" +
+                                                           format + (is_ply ? "\"" : ".tar\""));
+  return response;
+}
+
+/// The body with the capture of the path in it.
+HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& request) {
+  const std::string& id = request.path.at("capture");
+  if (const auto capture = FindCapture(parts.store, id); !capture) return Problem(capture.error());
+  const std::string& text = request.http.body;
+  Result<nlohmann::json> body = ParseJson(text.empty() ? "{}" : text, "body");
+  if (!body) return Problem(body.error());
+  if (!body->is_object()) return Problem(400, "body: expected a JSON object");
+  if (body->contains("capture")) {
+    return Problem(422, "body: 'capture' is not known here; the path says which");
+  }
+  (*body)["capture"] = id;
+  return SubmitJob(parts, JobKind::kReconstruction, body->dump(), request);
+}
+
+/// What reads one capture.
+std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
+  const auto one_export = std::make_shared<std::mutex>();
+  return {
+      {.method = "GET",
+       .path = "/v1/captures/{capture}",
+       .operation = "getCapture",
+       .summary = "One capture, its frames and reconstructions",
+       .schema = "CaptureDetail",
+       .handle =
+           [parts](const ApiRequest& request) { return One(parts, request.path.at("capture")); }},
+      {.method = "GET",
+       .path = "/v1/captures/{capture}/frames/{camera}.png",
+       .operation = "getFrame",
+       .summary = "A picture as the sensor gave it (Bayer stays Bayer)",
+       .content_type = "image/png",
+       .handle = [parts](const ApiRequest& request) { return Picture(parts, request); }},
+      {.method = "GET",
+       .path = "/v1/captures/{capture}/poses",
+       .operation = "getPoses",
+       .summary = "Camera poses of the newest reconstruction (rotunda-poses/1)",
+       .handle =
+           [parts](const ApiRequest& request) {
+             return ResultFile(parts, request, "poses.json", "application/json");
+           }},
+      {.method = "GET",
+       .path = "/v1/captures/{capture}/report",
+       .operation = "getReport",
+       .summary = "The page of the newest reconstruction, for a browser",
+       .content_type = "text/html; charset=utf-8",
+       .handle =
+           [parts](const ApiRequest& request) {
+             return ResultFile(parts, request, "report.html", "text/html; charset=utf-8");
+           }},
+      {.method = "GET",
+       .path = "/v1/captures/{capture}/export",
+       .operation = "getExport",
+       .summary = "The newest reconstruction for other programs: a tar archive, or the PLY file",
+       .query = {{"format", "What to write", ExportFormats(), true}},
+       .content_type = "application/octet-stream",
+       .handle = [parts, one_export](const ApiRequest& request) {
+         return Export(parts, request, *one_export);
+       }}};
+}
+
+}  // namespace
+
+std::vector<Route> CaptureRoutes(const ApiParts& parts) {
+  std::vector<Route> routes = {
+      {.method = "POST",
+       .path = "/v1/captures",
+       .role = Role::kOperator,
+       .operation = "startCapture",
+       .summary = "Queue a shot of all cameras; it is reconstructed afterwards unless told not to",
+       .request_schema = "CaptureRequest",
+       .status = 202,
+       .schema = "Job",
+       .handle =
+           [parts](const ApiRequest& request) {
+             return SubmitJob(parts, JobKind::kCapture, request.http.body, request);
+           }},
+      {.method = "GET",
+       .path = "/v1/captures",
+       .operation = "listCaptures",
+       .summary = "Captures, newest first",
+       .query = PageQuery(),
+       .schema = "CapturePage",
+       .handle = [parts](const ApiRequest& request) { return List(parts, request); }},
+      {.method = "POST",
+       .path = "/v1/captures/{capture}/reconstructions",
+       .role = Role::kOperator,
+       .operation = "startReconstruction",
+       .summary = "Queue a reconstruction of the capture",
+       .request_schema = "ReconstructionRequest",
+       .status = 202,
+       .schema = "Job",
+       .handle =
+           [parts](const ApiRequest& request) { return StartReconstruction(parts, request); }},
+      {.method = "GET",
+       .path = "/v1/reconstructions/{reconstruction}",
+       .operation = "getReconstruction",
+       .summary = "One reconstruction",
+       .schema = "Reconstruction",
+       .handle = [parts](const ApiRequest& request) {
+         return JsonAnswer(FindReconstruction(parts.store, request.path.at("reconstruction")));
+       }}};
+  for (Route& route : OneCaptureRoutes(parts)) routes.push_back(std::move(route));
+  return routes;
+}
+
+}  // namespace rotunda::daemon

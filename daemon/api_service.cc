@@ -1,0 +1,183 @@
+#include <filesystem>
+#include <sstream>
+#include <system_error>
+
+#include "daemon/api_answers.h"
+#include "daemon/openapi.h"
+#include "daemon/store_calibrations.h"
+#include "daemon/store_captures.h"
+#include "daemon/store_jobs.h"
+#include "daemon/store_reconstructions.h"
+
+namespace rotunda::daemon {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// What status and metrics tell.
+struct Overview {
+  std::vector<std::string> not_ready;  // cameras
+  size_t cameras = 0;
+  std::vector<CameraDrift> moved;
+  std::vector<JobRecord> running;
+  size_t queued_jobs = 0;
+  std::optional<CalibrationRecord> calibration;
+  std::optional<CaptureRecord> last_capture;
+  uint64_t free_bytes = 0;
+  std::vector<std::string> problems;
+};
+
+void LookAtDevices(const ApiParts& parts, Overview& overview) {
+  const std::vector<rig::CameraState> states = parts.station.States();
+  overview.cameras = states.size();
+  for (const rig::CameraState& state : states) {
+    if (state.condition != rig::CameraCondition::kReady) {
+      overview.not_ready.push_back(state.camera);
+    }
+  }
+  if (states.empty()) overview.problems.push_back("the cameras are not open");
+  if (!overview.not_ready.empty()) {
+    overview.problems.push_back(std::to_string(overview.not_ready.size()) + " of " +
+                                std::to_string(states.size()) +
+                                " cameras are not ready; see /v1/cameras");
+  }
+  if (const auto trouble = parts.station.DiskTrouble()) {
+    overview.problems.push_back("a shot cannot be written and waits in memory: " +
+                                trouble->error.ToString());
+  }
+  std::error_code ignored;
+  overview.free_bytes =
+      std::filesystem::space(parts.store.options().state_folder, ignored).available;
+  if (overview.free_bytes < parts.disk_reserve_bytes) {
+    overview.problems.push_back(
+        "the disk has less room than the reserve: captures are refused. Remove captures, or lower "
+        "storage.reserve_mb");
+  }
+  if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
+}
+
+Status LookAtStore(const ApiParts& parts, Overview& overview) {
+  Store& store = parts.store;
+  ROTUNDA_ASSIGN_OR_RETURN(overview.calibration, ActiveCalibration(store));
+  ROTUNDA_ASSIGN_OR_RETURN(overview.queued_jobs, CountJobs(store, JobState::kQueued));
+  ROTUNDA_ASSIGN_OR_RETURN(const auto running, ListJobs(store, {}, JobState::kRunning));
+  overview.running = running.items;
+  ROTUNDA_ASSIGN_OR_RETURN(const auto captures, ListCaptures(store, {.limit = 1, .after = ""}));
+  if (!captures.items.empty()) overview.last_capture = captures.items.front();
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<CameraDrift> drift, DriftNow(store));
+  for (const CameraDrift& camera : drift) {
+    if (!camera.moved) continue;
+    overview.moved.push_back(camera);
+    overview.problems.push_back("camera " + camera.latest.camera +
+                                " has moved since the calibration; calibrate again");
+  }
+  if (!overview.calibration) {
+    overview.problems.push_back(
+        "no calibration is in force: poses have no scale, drift is not "
+        "watched");
+  }
+  return {};
+}
+
+Result<Overview> LookAround(const ApiParts& parts) {
+  Overview overview;
+  LookAtDevices(parts, overview);
+  ROTUNDA_RETURN_IF_ERROR(LookAtStore(parts, overview));
+  return overview;
+}
+
+HttpResponse StatusAnswer(const ApiParts& parts) {
+  const Result<Overview> overview = LookAround(parts);
+  if (!overview) return Problem(overview.error());
+  Json answer = {
+      {"version", parts.version},
+      {"now", parts.store.Now()},
+      {"started_at", parts.started_at},
+      {"cameras",
+       {{"ready", overview->cameras - overview->not_ready.size()},
+        {"of", overview->cameras},
+        {"not_ready", overview->not_ready}}},
+      {"jobs", {{"queued", overview->queued_jobs}, {"running", ItemsJson(overview->running)}}},
+      {"moved", ItemsJson(overview->moved)},
+      {"disk", {{"free_bytes", overview->free_bytes}, {"reserve_bytes", parts.disk_reserve_bytes}}},
+      {"problems", overview->problems}};
+  if (overview->calibration) answer["calibration"] = overview->calibration->id;
+  if (overview->last_capture) answer["last_capture"] = ToJson(*overview->last_capture);
+  return JsonAnswer(answer);
+}
+
+/// Prometheus' text format, version 0.0.4.
+class Metrics {
+ public:
+  void Add(const std::string& name, const char* type, const char* help, uint64_t value) {
+    text_ << "# HELP rotunda_" << name << ' ' << help << "\n# TYPE rotunda_" << name << ' ' << type
+          << "\nrotunda_" << name << ' ' << value << '\n';
+  }
+  std::string text() const { return text_.str(); }
+
+ private:
+  std::ostringstream text_;
+};
+
+HttpResponse MetricsAnswer(const ApiParts& parts) {
+  const Result<Overview> overview = LookAround(parts);
+  if (!overview) return Problem(overview.error());
+  const HttpCounters http = parts.counters();
+  Metrics metrics;
+  metrics.Add("cameras", "gauge", "Cameras in the configuration", overview->cameras);
+  metrics.Add("cameras_ready", "gauge", "Cameras that would answer a trigger",
+              overview->cameras - overview->not_ready.size());
+  metrics.Add("cameras_moved", "gauge", "Cameras that are not where the calibration has them",
+              overview->moved.size());
+  metrics.Add("jobs_queued", "gauge", "Jobs that wait", overview->queued_jobs);
+  metrics.Add("jobs_running", "gauge", "Jobs under way", overview->running.size());
+  metrics.Add("disk_free_bytes", "gauge", "Free where captures are kept", overview->free_bytes);
+  metrics.Add("disk_reserve_bytes", "gauge", "With less captures are refused",
+              parts.disk_reserve_bytes);
+  metrics.Add("problems", "gauge", "Entries of the list in /v1/status", overview->problems.size());
+  metrics.Add("http_requests_total", "counter", "Requests read", http.requests);
+  metrics.Add("http_connections", "gauge", "Connections open", http.connections);
+  metrics.Add("http_streams", "gauge", "Event streams open", http.streams);
+  metrics.Add("http_refused_connections_total", "counter", "Connections over the limit",
+              http.refused_connections);
+  HttpResponse response;
+  response.content_type = "text/plain; version=0.0.4; charset=utf-8";
+  response.body = metrics.text();
+  return response;
+}
+
+}  // namespace
+
+std::vector<Route> ServiceRoutes(const ApiParts& parts) {
+  return {{.method = "GET",
+           .path = "/v1/status",
+           .operation = "getStatus",
+           .summary = "How the rig is: cameras, jobs, drift, disk, and what to see to",
+           .schema = "Status",
+           .handle = [parts](const ApiRequest&) { return StatusAnswer(parts); }},
+          {.method = "GET",
+           .path = "/metrics",
+           .operation = "getMetrics",
+           .summary = "Figures for Prometheus",
+           .content_type = "text/plain; version=0.0.4; charset=utf-8",
+           .handle = [parts](const ApiRequest&) { return MetricsAnswer(parts); }}};
+}
+
+std::vector<Route> ApiRoutes(const ApiParts& parts) {
+  std::vector<Route> routes = ServiceRoutes(parts);
+  for (const auto& more :
+       {CameraRoutes(parts), CaptureRoutes(parts), CalibrationRoutes(parts), JobRoutes(parts)}) {
+    routes.insert(routes.end(), more.begin(), more.end());
+  }
+  routes.push_back({.method = "GET",
+                    .path = "/v1/openapi.json",
+                    .operation = "getOpenApi",
+                    .summary = "This document"});
+  // Made once, when the table is whole.
+  HttpResponse document;
+  document.body = OpenApiDocument(routes, parts.version);
+  routes.back().handle = [document](const ApiRequest&) { return document; };
+  return routes;
+}
+
+}  // namespace rotunda::daemon

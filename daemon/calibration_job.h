@@ -1,0 +1,65 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/jobs.h"
+#include "daemon/store.h"
+#include "rig/board.h"
+#include "rig/board_sightings.h"
+#include "rig/calibration_checks.h"
+#include "rig/calibration_comparison.h"
+#include "rig/rig_calibration.h"
+#include "sfm/core/calibration.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+
+namespace rotunda::daemon {
+
+/// What a calibration is made from.
+struct CalibrationTask {
+  rig::Board board;
+  std::vector<std::filesystem::path> framesets;  // as rig::FindShots takes them
+  rig::LensModel model = rig::LensModel::kOpencv;
+  std::optional<Calibration> intrinsics_from;  // lenses, rig frame and target held as they were
+  std::optional<Calibration> frame_from;       // rig frame
+  std::optional<Calibration> compare;          // name the cameras that moved since
+};
+
+struct CalibrationOutcome {
+  Calibration calibration;  // id and time are those of the newest shot; empty when none says
+  rig::BoardSightings sightings;
+  rig::RigCalibration result;
+  rig::CrossValidation validation;
+  std::vector<rig::CameraCheck> checks;
+  std::optional<rig::CalibrationComparison> comparison;
+  std::vector<std::string> notes;  // what the operator is to know or do
+
+  size_t ShotsUsed() const;
+  /// What moved since `compare`, in words; nullopt when there was nothing to compare with.
+  std::optional<std::vector<std::string>> Changes() const;
+};
+
+/// kCancelled when stopped.
+Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& task, RunContext& context);
+
+/// The page about it (HTML).
+std::string CalibrationPage(const CalibrationTask& task, const CalibrationOutcome& outcome);
+
+/// "charuco-20260118T101500Z" for "2026-01-18T10:15:00Z".
+std::string CalibrationIdOf(const std::string& created_at);
+
+struct CalibrationJobOptions {
+  std::filesystem::path board;  // TOML file of the target
+  int threads = 0;              // 0: the machine's cores
+};
+
+/// POST /v1/calibrations {"captures": [ids], "model": "opencv" | "opencv5" | "full-opencv"?,
+/// "frame_from", "intrinsics_from", "compare": ids of calibrations?}. Compared with the one in
+/// force unless said otherwise. Result: {"calibration", "calibrated", "of", "shots", "shots_used",
+/// "corners", "kept", "rms_px", "notes", "changes"?}. It is not in force before it is activated.
+JobHandler MakeCalibrationHandler(Store& store, CalibrationJobOptions options);
+
+}  // namespace rotunda::daemon

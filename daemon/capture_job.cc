@@ -1,0 +1,298 @@
+#include "daemon/capture_job.h"
+
+#include <algorithm>
+#include <charconv>
+#include <map>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <string_view>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+#include "daemon/job_request.h"
+#include "daemon/reconstruction_job.h"
+#include "daemon/retention.h"
+#include "daemon/store_calibrations.h"
+#include "daemon/store_captures.h"
+#include "rig/aravis_camera.h"
+#include "rig/gpiod_trigger_line.h"
+#include "rig/sim/socket_trigger.h"
+
+namespace rotunda::daemon {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using std::chrono::milliseconds;
+
+constexpr auto kPollInterval = milliseconds(50);
+constexpr auto kMendInterval = milliseconds(1000);
+constexpr int kPreviewQuality = 85;
+constexpr size_t kMaxSubjectLength = 200;
+
+/// The number N of a camera's input "LineN".
+Result<int> LineOf(const std::string& camera_input) {
+  constexpr std::string_view kLine = "Line";
+  int line = 0;
+  if (camera_input.starts_with(kLine)) {
+    const char* end = camera_input.data() + camera_input.size();
+    const auto [stopped, error] = std::from_chars(camera_input.data() + kLine.size(), end, line);
+    if (error == std::errc() && stopped == end && line >= 0) return line;
+  }
+  return Error{ErrorCode::kBadInput,
+               "is \"" + camera_input + "\", expected Line0 or Line1, which simulated cameras have",
+               "trigger.camera_input"};
+}
+
+struct CaptureRequest {
+  std::optional<std::string> subject;
+  bool reconstruct = true;
+};
+
+Result<CaptureRequest> ParseCaptureRequest(const std::string& body) {
+  CaptureRequest request;
+  ROTUNDA_RETURN_IF_ERROR(ReadRequest(body, {"subject", "reconstruct"}, [&](const JsonField& root) {
+    if (root["reconstruct"].present()) request.reconstruct = root["reconstruct"].Bool();
+    if (!root["subject"].present()) return;
+    request.subject = root["subject"].String();
+    if (request.subject->size() > kMaxSubjectLength) {
+      root["subject"].Refuse("at most " + std::to_string(kMaxSubjectLength) + " bytes");
+    }
+  }));
+  return request;
+}
+
+std::string ToBody(const CaptureRequest& request) {
+  Json body = Json::object();
+  if (request.subject) body["subject"] = *request.subject;
+  body["reconstruct"] = request.reconstruct;
+  return body.dump();
+}
+
+/// Waits until all cameras are ready or patience is over.
+void WaitForCameras(rig::CaptureSession& session, milliseconds patience, JobContext& context) {
+  const size_t all = session.options().cameras.size();
+  const auto deadline = std::chrono::steady_clock::now() + patience;
+  size_t ready = 0;
+  while (ready < all && std::chrono::steady_clock::now() < deadline &&
+         !context.stop.stop_requested()) {
+    ready = session.WaitUntilReady(kPollInterval, context.stop);
+    context.progress("cameras", ready, all);
+  }
+}
+
+/// Waits for the disk. A set that cannot be written stays in memory until it can, or the job is
+/// stopped; one that is whole by then is kept. What the writer has set aside is tried again too:
+/// `out` is the store's own folder, and somebody may mend it.
+Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
+                                    const std::filesystem::path& out, JobContext& context) {
+  std::stop_source at_once;
+  at_once.request_stop();
+  while (true) {
+    Result<rig::WrittenSet> written = writer.Wait(ticket, at_once.get_token());
+    if (written) return written;
+    const bool set_aside = written.error().code != ErrorCode::kCancelled;
+    if (context.stop.stop_requested()) break;
+    const auto trouble = writer.trouble();
+    context.progress(trouble ? "waiting for the disk: " + trouble->error.ToString() : "writing", 0,
+                     1);
+    std::this_thread::sleep_for(set_aside ? kMendInterval : kPollInterval);
+    if (set_aside) ROTUNDA_RETURN_IF_ERROR(writer.Redirect(ticket, out));
+  }
+  writer.Abandon(ticket);
+  return writer.Wait(ticket);
+}
+
+/// Colours as they are seen; `frame` is complete.
+cv::Mat Demosaiced(const rig::CameraFrame& frame) {
+  const int channels = frame.pixel_format == "RGB8" ? 3 : 1;
+  auto* pixels = const_cast<uint8_t*>(frame.memory.data());
+  const cv::Mat raw(frame.height_px, frame.width_px, CV_8UC(channels), pixels);
+  const std::map<std::string, int> conversions = {{"RGB8", cv::COLOR_RGB2BGR},
+                                                  {"BayerRG8", cv::COLOR_BayerRGGB2BGR},
+                                                  {"BayerGB8", cv::COLOR_BayerGBRG2BGR},
+                                                  {"BayerGR8", cv::COLOR_BayerGRBG2BGR},
+                                                  {"BayerBG8", cv::COLOR_BayerBGGR2BGR}};
+  const auto conversion = conversions.find(frame.pixel_format);
+  if (conversion == conversions.end()) return raw;
+  cv::Mat picture;
+  cv::cvtColor(raw, picture, conversion->second);
+  return picture;
+}
+
+Result<std::string> ToJpeg(const rig::CameraFrame& frame) {
+  try {
+    std::vector<uint8_t> bytes;
+    cv::imencode(".jpg", Demosaiced(frame), bytes, {cv::IMWRITE_JPEG_QUALITY, kPreviewQuality});
+    return std::string(bytes.begin(), bytes.end());
+  } catch (const cv::Exception& error) {
+    return Error{ErrorCode::kFailed, error.what(), "preview"};
+  }
+}
+
+Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot) {
+  Json result = {{"capture", capture.id},
+                 {"ok", capture.ok_frames},
+                 {"of", capture.frames},
+                 {"complete", capture.ok_frames == capture.frames}};
+  if (!shot) return result;  // taken before the daemon was interrupted
+  result["summary"] = shot->Summary();
+  result["pulses"] = shot->pulses;
+  result["median_skew_us"] = shot->skew.median_us;
+  result["max_skew_us"] = shot->skew.max_us;
+  result["max_skew_camera"] = shot->skew.worst;
+  result["resent_packets"] = shot->ResentPackets();
+  return result;
+}
+
+/// What one capture job needs to know of the world.
+struct CaptureWork {
+  Store& store;
+  CaptureStation& station;
+  CaptureJobOptions options;
+
+  Status CheckRoom() const {
+    return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes);
+  }
+  Result<rig::FrameSetOrder> Order(const std::string& id, const CaptureRequest& request) const;
+  Result<std::string> Run(const JobRecord& job, JobContext& context) const;
+};
+
+Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id,
+                                              const CaptureRequest& request) const {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::optional<CalibrationRecord> active, ActiveCalibration(store));
+  rig::FrameSetOrder order;
+  order.out = store.CaptureFolder(id);
+  order.id = id;
+  order.captured_at = store.Now();
+  order.subject = request.subject;
+  order.trigger_source = station.TriggerSource();
+  if (active) order.calibration = store.CalibrationFolder(active->id) / "calibration.json";
+  return order;
+}
+
+Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) const {
+  ROTUNDA_ASSIGN_OR_RETURN(const CaptureRequest request, ParseCaptureRequest(job.body));
+  std::string id = job.product;
+  if (id.empty()) {
+    ROTUNDA_ASSIGN_OR_RETURN(id, FreeCaptureId(store));
+    ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
+  }
+  std::optional<rig::Shot> shot;
+  std::error_code ignored;
+  if (!std::filesystem::exists(store.CaptureFolder(id) / "frameset.json", ignored)) {
+    ROTUNDA_RETURN_IF_ERROR(CheckRoom());
+    ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request));
+    ROTUNDA_ASSIGN_OR_RETURN(CaptureStation::Taken taken, station.Take(std::move(order), context));
+    shot = std::move(taken.shot);
+  }
+  std::optional<NewJob> follow_up;
+  if (request.reconstruct) follow_up = {JobKind::kReconstruction, ReconstructionBody(id), ""};
+  ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, RecordCapture(store, id, follow_up));
+  return ResultOf(capture, shot).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+}  // namespace
+
+Result<rig::CaptureSession::Devices> OpenDevices(
+    const rig::CaptureOptions& options, const std::optional<std::filesystem::path>& simulated) {
+  rig::CaptureSession::Devices devices{rig::OpenAravisCamera, nullptr};
+  if (simulated) {
+    ROTUNDA_ASSIGN_OR_RETURN(const int line, LineOf(options.trigger.camera_input));
+    devices.trigger = std::make_unique<sim::SocketTrigger>(*simulated, line);
+  } else {
+    ROTUNDA_ASSIGN_OR_RETURN(devices.trigger, rig::OpenGpiodTriggerLine(options.trigger.gpio));
+  }
+  return devices;
+}
+
+rig::Shot FactsOf(const rig::Shot& shot) {
+  rig::Shot facts;
+  facts.skew = shot.skew;
+  facts.pulses = shot.pulses;
+  facts.first_try = shot.first_try;
+  for (const rig::CameraShot& each : shot.cameras) {
+    rig::CameraShot& copy = facts.cameras.emplace_back();
+    copy.camera = each.camera;
+    copy.verdict = each.verdict;
+    copy.reason = each.reason;
+    copy.settings = each.settings;
+    copy.resent_packets = each.resent_packets;
+    copy.arrival_ms = each.arrival_ms;
+    copy.skew_us = each.skew_us;
+  }
+  return facts;
+}
+
+CaptureStation::CaptureStation(Options options) : options_(std::move(options)), writer_(0) {}
+
+Result<rig::CaptureSession*> CaptureStation::Session() {
+  const std::lock_guard lock(mutex_);
+  if (!session_) {
+    ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession::Devices devices,
+                             OpenDevices(options_.capture, options_.simulated));
+    ROTUNDA_ASSIGN_OR_RETURN(session_,
+                             rig::CaptureSession::Open(options_.capture, std::move(devices)));
+  }
+  return session_.get();
+}
+
+Status CaptureStation::Open() {
+  const auto session = Session();
+  return session ? Status() : Status(session.error());
+}
+
+std::vector<rig::CameraState> CaptureStation::States() const {
+  const std::lock_guard lock(mutex_);
+  return session_ ? session_->States() : std::vector<rig::CameraState>();
+}
+
+Result<std::string> CaptureStation::PreviewJpeg(const std::string& camera) {
+  ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession * session, Session());
+  // Asked first: the session takes the size of its frames' memory from the cameras that are open.
+  const std::vector<rig::CameraState> states = session->States();
+  const auto state = std::find_if(states.begin(), states.end(),
+                                  [&](const auto& each) { return each.camera == camera; });
+  if (state == states.end()) return Error{ErrorCode::kNotFound, "there is no such camera", camera};
+  if (state->condition != rig::CameraCondition::kReady) {
+    return Error{ErrorCode::kFailed, "is not ready: " + state->problem, camera};
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(const rig::CameraFrame frame, session->Preview(camera));
+  if (!frame.complete) return Error{ErrorCode::kFailed, frame.problem, camera};
+  return ToJpeg(frame);
+}
+
+std::optional<rig::FrameSetWriter::Trouble> CaptureStation::DiskTrouble() const {
+  return writer_.trouble();
+}
+
+const char* CaptureStation::TriggerSource() const {
+  return options_.simulated ? "simulated" : "gpio";
+}
+
+Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order, JobContext& context) {
+  ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession * session, Session());
+  WaitForCameras(*session, options_.ready_patience, context);
+  ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(context.stop));
+  Taken taken{FactsOf(shot), {}};
+  const std::filesystem::path out = order.out;
+  const auto ticket = writer_.Submit(std::move(order), std::move(shot));
+  ROTUNDA_ASSIGN_OR_RETURN(taken.written, WaitForDisk(writer_, ticket, out, context));
+  return taken;
+}
+
+JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options) {
+  const CaptureWork work{store, station, options};
+  JobHandler handler;
+  handler.check = [](const std::string& body) -> Result<std::string> {
+    ROTUNDA_ASSIGN_OR_RETURN(const CaptureRequest request, ParseCaptureRequest(body));
+    return ToBody(request);
+  };
+  handler.admit = [work] { return work.CheckRoom(); };
+  handler.run = [work](const JobRecord& job, JobContext& context) {
+    return work.Run(job, context);
+  };
+  return handler;
+}
+
+}  // namespace rotunda::daemon

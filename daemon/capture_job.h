@@ -1,0 +1,76 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/jobs.h"
+#include "daemon/store.h"
+#include "rig/capture_session.h"
+#include "rig/frame_set_writer.h"
+
+namespace rotunda::daemon {
+
+/// Aravis cameras and the GPIO line of `options`, or, with the socket of simulated cameras, these.
+Result<rig::CaptureSession::Devices> OpenDevices(
+    const rig::CaptureOptions& options, const std::optional<std::filesystem::path>& simulated);
+
+/// The cameras of the rig and the way to the disk, held open between shots.
+class CaptureStation {
+ public:
+  struct Options {
+    rig::CaptureOptions capture;
+    std::optional<std::filesystem::path> simulated;  // socket of simulated cameras
+    /// A shot waits so long for cameras that are not ready, then it is taken without them.
+    std::chrono::milliseconds ready_patience{5000};
+  };
+  explicit CaptureStation(Options options);
+
+  /// Begins to open the cameras; does nothing when that was done. Tried again by every shot.
+  Status Open();
+  /// In the order of the configuration; empty while not open.
+  std::vector<rig::CameraState> States() const;
+  /// One camera's picture now, demosaiced, as JPEG. kNotFound: no such camera.
+  Result<std::string> PreviewJpeg(const std::string& camera);
+  /// Why the oldest shot cannot be written; unset while all is well.
+  std::optional<rig::FrameSetWriter::Trouble> DiskTrouble() const;
+
+  const char* TriggerSource() const;  // "gpio" or "simulated", for the frame set
+
+  /// Takes a shot and makes it a durable frame set. What is told is without the frames.
+  struct Taken {
+    rig::Shot shot;
+    rig::WrittenSet written;
+  };
+  Result<Taken> Take(rig::FrameSetOrder order, JobContext& context);
+
+ private:
+  Result<rig::CaptureSession*> Session();
+
+  const Options options_;
+  mutable std::mutex mutex_;  // of session_ while it is made
+  std::unique_ptr<rig::CaptureSession> session_;
+  rig::FrameSetWriter writer_;  // goes before the session, whose memory the frames are
+};
+
+/// What the shot was, without its frames.
+rig::Shot FactsOf(const rig::Shot& shot);
+
+struct CaptureJobOptions {
+  /// With less room on the disk captures are refused.
+  uint64_t disk_reserve_bytes = 0;
+};
+
+/// POST /v1/captures {"subject": text?, "reconstruct": true?}. The set gets the calibration in
+/// force; its reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok",
+/// "of", "complete", "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
+/// "resent_packets"}, the figures of the shot only when it was taken in this run. `store` and
+/// `station` outlive the handler.
+JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options);
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "daemon/cli/commands.h"
+
+namespace rotunda::cli {
+
+/// --socket: where the daemon serves.
+CLI::Option* AddSocketOption(CLI::App* command, std::filesystem::path& socket);
+
+/// A shot by the daemon, with its progress; the exit code.
+struct DaemonShot {
+  std::filesystem::path socket;
+  std::optional<std::string> subject;
+  bool reconstruct = true;
+};
+int CaptureByDaemon(const DaemonShot& shot, const CommonOptions& common);
+
+/// The daemon's cameras.
+int CamerasOfDaemon(const std::filesystem::path& socket, const CommonOptions& common);
+
+}  // namespace rotunda::cli

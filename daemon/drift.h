@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "daemon/store_records.h"
+#include "sfm/core/calibration.h"
+#include "sfm/core/pose_set.h"
+
+namespace rotunda::daemon {
+
+/// Whether the result may speak of drift: it is sure, metric, not folded, and was compared with a
+/// calibration.
+bool MaySpeakOfDrift(const PoseSet& poses);
+
+/// Every registered camera's drift; sorted by camera. A camera is beyond its limit when the
+/// reconstruction calls its change significant (VsCalibration::moved) and it is more than a limit,
+/// or when it has changed places with another. `capture`, `captured_at` and `reconstruction` are
+/// left to the caller. Empty when the result may not speak of drift.
+std::vector<DriftRecord> DriftOf(const PoseSet& poses, const Calibration& calibration,
+                                 const DriftLimits& limits);
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "daemon/http_message.h"
+#include "sfm/core/result.h"
+
+namespace rotunda::daemon {
+
+/// What one client may cost.
+struct HttpLimits {
+  int header_bytes = 16 * 1024;
+  int body_bytes = 1024 * 1024;
+  int connections = 128;
+  int streams = 64;          // of the connections; the others stay free for requests
+  int request_ms = 15000;    // for a request to arrive, after the connection or the last answer
+  int write_ms = 15000;      // for a client to take the next piece of an answer
+  int heartbeat_ms = 15000;  // a stream on which nothing happens says so
+  int handler_threads = 4;
+};
+
+/// Groups whose members may look and may act. Root and the daemon's own user may act.
+struct HttpAccess {
+  std::vector<gid_t> viewers;
+  std::vector<gid_t> operators;
+};
+
+/// A request that was answered (or whose client went away before).
+struct AccessEntry {
+  Peer peer;
+  std::string method;
+  std::string target;  // printable
+  int status = 0;      // 0: the client went away
+  uint64_t sent_bytes = 0;
+  double seconds = 0;  // from the last byte of the request to the last of the answer
+};
+
+/// Counts since the start.
+struct HttpCounters {
+  uint64_t requests = 0;
+  uint64_t refused_connections = 0;  // too many
+  uint64_t connections = 0;          // now
+  uint64_t streams = 0;              // now
+};
+
+/// HTTP/1.1 over a UNIX socket. One thread does all input and output and never waits for anything
+/// else; `handle` runs on a few others. Nothing here knows what is served.
+class HttpServer {
+ public:
+  struct Options {
+    HttpLimits limits;
+    HttpAccess access;                                       // at first
+    std::function<HttpResponse(const HttpRequest&)> handle;  // from several threads at once
+    std::function<void(const AccessEntry&)> log;             // from the input/output thread
+  };
+
+  /// Serves on a listening socket, which becomes the server's. kInvalidArgument: it is none.
+  static Result<std::unique_ptr<HttpServer>> Start(int listening_fd, Options options);
+  /// Stops, without patience.
+  ~HttpServer();
+  HttpServer(const HttpServer&) = delete;
+  HttpServer& operator=(const HttpServer&) = delete;
+
+  /// Who may do what from now on; connections that are open keep their role.
+  void SetAccess(HttpAccess access);
+  /// Makes every stream ask its source. From any thread.
+  void Wake();
+  /// How long ago the input/output thread and a handler's thread last did something; they do every
+  /// half second. From any thread.
+  std::chrono::milliseconds Silence() const;
+  HttpCounters counters() const;
+
+  /// Takes no more requests, ends the streams, lets answers under way finish for at most
+  /// `patience`.
+  void Stop(std::chrono::milliseconds patience);
+
+ private:
+  HttpServer();
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Makes and listens on a socket that its owner and group may use. One that a dead process left
+/// behind is replaced; kAlreadyExists: a living one listens there, or it is no socket.
+Result<int> ListenOn(const std::filesystem::path& path);
+
+}  // namespace rotunda::daemon

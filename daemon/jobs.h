@@ -1,0 +1,84 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "daemon/store_jobs.h"
+#include "sfm/core/run_context.h"
+
+namespace rotunda::daemon {
+
+/// What a job is given. The stop token is set when it is cancelled and when the daemon stops.
+struct JobContext {
+  std::stop_token stop;
+  ProgressSink progress;  // may be called as often as one likes, from any thread
+};
+
+/// What jobs of one kind are.
+struct JobHandler {
+  /// The body as it is stored (keys in order, defaults filled in), or what is wrong with the
+  /// request: kInvalidArgument names the field, kNotFound what it refers to. Run by the caller of
+  /// Submit().
+  std::function<Result<std::string>(const std::string& body)> check;
+  /// Whether new jobs can be taken now; not asked for one that was taken before. May be null.
+  std::function<Status()> admit;
+  /// Does the work; gives the result, a JSON object. A job that was interrupted comes again with
+  /// the `product` of its first run.
+  std::function<Result<std::string>(const JobRecord& job, JobContext& context)> run;
+};
+
+struct JobHandlers {
+  JobHandler capture;
+  JobHandler calibration;
+  JobHandler reconstruction;
+};
+
+/// Jobs and the two threads that do them: one captures, one computes, each one job at a time, in
+/// the order in which they came. Jobs outlive the daemon: queued ones wait in the store.
+class JobQueue {
+ public:
+  struct Options {
+    /// Progress reaches store and events at most this often.
+    std::chrono::milliseconds progress_interval{500};
+    /// A running job that says nothing for so long hangs. The slowest step of computing between two
+    /// signs of life is a bundle adjustment of 90 cameras, minutes on a slow machine.
+    std::chrono::seconds capture_silence{120};
+    std::chrono::seconds computing_silence{1200};
+  };
+
+  /// Starts the threads. `store` outlives the queue.
+  JobQueue(Store& store, JobHandlers handlers, Options options);
+  /// Stops: running jobs are told to, and become `interrupted`; queued ones stay queued.
+  ~JobQueue();
+  JobQueue(const JobQueue&) = delete;
+  JobQueue& operator=(const JobQueue&) = delete;
+
+  /// Queues a job. The same key with the same request gives the job of the first time; with another
+  /// request kAlreadyExists.
+  Result<JobRecord> Submit(JobKind kind, const std::string& body,
+                           const std::string& idempotency_key);
+  /// A running job ends within a second or two; see its state.
+  Result<JobRecord> Cancel(int64_t number);
+  /// Runs an interrupted, failed or cancelled job again.
+  Result<JobRecord> Rerun(int64_t number);
+
+  /// Which job hangs, in words; nullopt while all is well. For the watchdog.
+  std::optional<std::string> Hung() const;
+
+ private:
+  class Worker;
+  const JobHandler& HandlerOf(JobKind kind) const;
+  void Wake();
+
+  Store& store_;
+  const JobHandlers handlers_;
+  const Options options_;
+  std::vector<std::unique_ptr<Worker>> workers_;
+};
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,102 @@
+#include "daemon/openapi.h"
+
+#include <nlohmann/json.hpp>
+
+namespace rotunda::daemon {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json SchemaOf(const std::string& name) { return {{"$ref", "#/components/schemas/" + name}}; }
+
+Json PathParameters(const std::string& path) {
+  Json parameters = Json::array();
+  for (size_t open = path.find('{'); open != std::string::npos; open = path.find('{', open + 1)) {
+    const size_t close = path.find('}', open);
+    parameters.push_back({{"name", path.substr(open + 1, close - open - 1)},
+                          {"in", "path"},
+                          {"required", true},
+                          {"schema", SchemaOf("Name")}});
+  }
+  return parameters;
+}
+
+Json Parameters(const Route& route) {
+  Json parameters = PathParameters(route.path);
+  for (const QueryParameter& query : route.query) {
+    Json schema = {{"type", "string"}};
+    if (!query.choices.empty()) schema["enum"] = query.choices;
+    parameters.push_back({{"name", query.name},
+                          {"in", "query"},
+                          {"description", query.description},
+                          {"required", query.required},
+                          {"schema", schema}});
+  }
+  if (!route.request_schema.empty()) {
+    parameters.push_back(
+        {{"name", "Idempotency-Key"},
+         {"in", "header"},
+         {"description",
+          "The same key with the same request gives the job of the first time; with another "
+          "request 409."},
+         {"required", false},
+         {"schema", {{"type", "string"}, {"maxLength", 200}}}});
+  }
+  if (route.content_type == "text/event-stream") {
+    parameters.push_back({{"name", "Last-Event-ID"},
+                          {"in", "header"},
+                          {"description", "Begin after this event."},
+                          {"required", false},
+                          {"schema", {{"type", "string"}, {"pattern", "^[0-9]{1,18}$"}}}});
+  }
+  return parameters;
+}
+
+Json Operation(const Route& route) {
+  Json operation = {{"operationId", route.operation},
+                    {"summary", route.summary},
+                    {"x-role", route.role == Role::kOperator ? "operator" : "viewer"}};
+  if (Json parameters = Parameters(route); !parameters.empty()) {
+    operation["parameters"] = std::move(parameters);
+  }
+  if (!route.request_schema.empty()) {
+    operation["requestBody"] = {
+        {"required", false},
+        {"content", {{"application/json", {{"schema", SchemaOf(route.request_schema)}}}}}};
+  }
+  Json content = {{route.content_type, Json::object()}};
+  if (!route.schema.empty()) content[route.content_type]["schema"] = SchemaOf(route.schema);
+  operation["responses"] = {
+      {std::to_string(route.status), {{"description", "Done"}, {"content", content}}},
+      {"default",
+       {{"description", "Refused or failed: `detail` says why"},
+        {"content", {{"application/problem+json", {{"schema", SchemaOf("Problem")}}}}}}}};
+  return operation;
+}
+
+}  // namespace
+
+std::string OpenApiDocument(const std::vector<Route>& routes, const std::string& version) {
+  Json paths = Json::object();
+  for (const Route& route : routes) {
+    std::string method = route.method;
+    for (char& letter : method) letter = static_cast<char>(letter - 'A' + 'a');
+    paths[route.path][method] = Operation(route);
+  }
+  const Json document = {
+      {"openapi", "3.1.0"},
+      {"info",
+       {{"title", "Rotunda"},
+        {"version", version},
+        {"description",
+         "Cameras, captures, calibrations and reconstructions of a body-scanning rig. Served on a "
+         "UNIX socket; who connects has a role by their groups: viewers may read, operators may "
+         "act (x-role). Lists come newest first in pages: `limit`, and `after` as `next` of the "
+         "page before."}}},
+      {"servers", Json::array({{{"url", "http://localhost"}}})},
+      {"paths", paths},
+      {"components", {{"schemas", Json::parse(kOpenApiSchemas)}}}};
+  return document.dump(1) + "\n";
+}
+
+}  // namespace rotunda::daemon

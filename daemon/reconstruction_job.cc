@@ -1,0 +1,179 @@
+#include "daemon/reconstruction_job.h"
+
+#include <system_error>
+#include <utility>
+
+#include "daemon/job_request.h"
+#include "daemon/store_calibrations.h"
+#include "daemon/store_captures.h"
+#include "daemon/store_reconstructions.h"
+#include "sfm/core/file_io.h"
+#include "sfm/presets.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr char kTcSfm[] = "tc-sfm", kPlain[] = "plain";
+constexpr char kExhaustive[] = "exhaustive", kNeighbours[] = "neighbours";
+
+struct ReconstructionRequest {
+  std::string capture;
+  std::optional<std::string> calibration;
+  std::string method = kTcSfm;
+  std::string pairs = kExhaustive;
+  std::optional<bool> refine_intrinsics;
+};
+
+std::string ReadChoice(const JsonField& field, const std::string& first,
+                       const std::string& second) {
+  if (!field.present()) return first;
+  std::string choice = field.String();
+  if (choice != first && choice != second) field.Refuse("\"" + first + "\" or \"" + second + "\"");
+  return choice;
+}
+
+Result<ReconstructionRequest> ParseReconstructionRequest(const std::string& body) {
+  ReconstructionRequest request;
+  ROTUNDA_RETURN_IF_ERROR(
+      ReadRequest(body, {"capture", "calibration", "method", "pairs", "refine_intrinsics"},
+                  [&](const JsonField& root) {
+                    request.capture = root["capture"].String();
+                    if (root["calibration"].present())
+                      request.calibration = root["calibration"].String();
+                    request.method = ReadChoice(root["method"], kTcSfm, kPlain);
+                    request.pairs = ReadChoice(root["pairs"], kExhaustive, kNeighbours);
+                    const JsonField refine = root["refine_intrinsics"];
+                    if (refine.present()) request.refine_intrinsics = refine.Bool();
+                  }));
+  return request;
+}
+
+std::string ToBody(const ReconstructionRequest& request) {
+  Json body = {{"capture", request.capture}};
+  if (request.calibration) body["calibration"] = *request.calibration;
+  body["method"] = request.method;
+  body["pairs"] = request.pairs;
+  if (request.refine_intrinsics) body["refine_intrinsics"] = *request.refine_intrinsics;
+  return body.dump();
+}
+
+sfm::PipelineOptions OptionsOf(const ReconstructionRequest& request) {
+  sfm::PipelineOptions options;
+  if (request.method == kPlain) options.method = sfm::Method::kPlain;
+  sfm::ApplyPreset(sfm::Preset::kRig, options);
+  if (request.pairs == kNeighbours) options.pairs = sfm::PairSelection::kNeighbours;
+  options.refine_intrinsics = request.refine_intrinsics;
+  return options;
+}
+
+std::string ResultOf(const ReconstructionRecord& record, const std::vector<std::string>& notes) {
+  const Json result = {{"reconstruction", record.id},
+                       {"capture", record.capture},
+                       {"registered", record.registered},
+                       {"of", record.of},
+                       {"rms_px", record.rms_px},
+                       {"verdict", record.verdict},
+                       {"verdict_reason", record.verdict_reason},
+                       {"notes", notes}};
+  return result.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+/// The page of a calibration that a frame set has a copy of.
+std::string PageOf(const Store& store, const Calibration& calibration) {
+  if (!IsStoreId(calibration.id)) return "";
+  const auto page = ReadFile(store.CalibrationFolder(calibration.id) / "report.html");
+  return page ? *page : "";
+}
+
+Result<ReconstructionTask> TaskOf(Store& store, const ReconstructionRequest& request,
+                                  const std::string& id) {
+  ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(store, request.capture));
+  ReconstructionTask task;
+  ROTUNDA_ASSIGN_OR_RETURN(task.set, ReadFrameSet(store.CaptureFolder(capture.id)));
+  task.set.id = capture.id;  // a set that was copied here may have another
+  std::optional<fs::path> calibration = std::nullopt;
+  if (request.calibration) {
+    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRecord wanted,
+                             FindCalibration(store, *request.calibration));
+    calibration = store.CalibrationFolder(wanted.id) / "calibration.json";
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(task.in_force, CalibrationOf(task.set.folder, calibration));
+  if (task.in_force.calibration && task.in_force.page.empty()) {
+    task.in_force.page = PageOf(store, *task.in_force.calibration);
+  }
+  task.options = OptionsOf(request);
+  task.out = store.ReconstructionFolder(id);
+  return task;
+}
+
+Result<std::string> Run(Store& store, int threads, const JobRecord& job, JobContext& context) {
+  ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request,
+                           ParseReconstructionRequest(job.body));
+  if (!job.product.empty()) {  // the run that was interrupted may have come to its end
+    const auto made_before = FindReconstruction(store, job.product);
+    if (made_before) return ResultOf(*made_before, {});
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(const std::string id, FreeReconstructionId(store, request.capture));
+  ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
+  ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionTask task, TaskOf(store, request, id));
+  ThreadPool pool(threads);
+  RunContext run{pool, context.stop, context.progress};
+  ROTUNDA_ASSIGN_OR_RETURN(const sfm::PipelineResult made, MakeReconstruction(task, run));
+  ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRecord record, RecordReconstruction(store, id));
+  return ResultOf(record, made.notes);
+}
+
+}  // namespace
+
+Result<sfm::CalibrationInForce> CalibrationOf(const fs::path& frameset,
+                                              const std::optional<fs::path>& calibration) {
+  sfm::CalibrationInForce in_force;
+  std::error_code ignored;
+  fs::path file = calibration.value_or(frameset / "calibration.json");
+  if (!calibration && !fs::exists(file, ignored)) return in_force;
+  ROTUNDA_ASSIGN_OR_RETURN(in_force.calibration, ReadCalibration(file));
+  const fs::path page = file.replace_extension(".html");
+  if (fs::exists(page, ignored)) {
+    ROTUNDA_ASSIGN_OR_RETURN(in_force.page, ReadFile(page));
+  }
+  return in_force;
+}
+
+Result<sfm::PipelineResult> MakeReconstruction(const ReconstructionTask& task,
+                                               RunContext& context) {
+  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(task.out));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      sfm::PipelineResult result,
+      sfm::RunPipeline(task.set, task.in_force.calibration, task.options, context));
+  ROTUNDA_RETURN_IF_ERROR(sfm::WriteResult(result, task.in_force, folder.path(), context));
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
+  ROTUNDA_RETURN_IF_ERROR(folder.Commit());
+  return result;
+}
+
+std::string ReconstructionBody(const std::string& capture) {
+  ReconstructionRequest request;
+  request.capture = capture;
+  return ToBody(request);
+}
+
+JobHandler MakeReconstructionHandler(Store& store, int threads) {
+  JobHandler handler;
+  handler.check = [&store](const std::string& body) -> Result<std::string> {
+    ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request, ParseReconstructionRequest(body));
+    ROTUNDA_RETURN_IF_ERROR(FindCapture(store, request.capture));
+    if (request.calibration) {
+      ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *request.calibration));
+    }
+    return ToBody(request);
+  };
+  handler.run = [&store, threads](const JobRecord& job, JobContext& context) {
+    return Run(store, threads, job, context);
+  };
+  return handler;
+}
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "daemon/jobs.h"
+#include "daemon/store.h"
+#include "sfm/core/frame_set.h"
+#include "sfm/core/result.h"
+#include "sfm/core/run_context.h"
+#include "sfm/pipeline.h"
+
+namespace rotunda::daemon {
+
+/// `calibration`, else the one that came with the frame set; and the page that lies beside it.
+/// Empty when there is neither.
+Result<sfm::CalibrationInForce> CalibrationOf(
+    const std::filesystem::path& frameset, const std::optional<std::filesystem::path>& calibration);
+
+/// Reconstructs the set into the folder `out`, which appears whole or not at all.
+struct ReconstructionTask {
+  FrameSet set;
+  sfm::CalibrationInForce in_force;
+  sfm::PipelineOptions options;
+  std::filesystem::path out;
+};
+Result<sfm::PipelineResult> MakeReconstruction(const ReconstructionTask& task, RunContext& context);
+
+/// The body of the request to reconstruct a capture in the usual way.
+std::string ReconstructionBody(const std::string& capture);
+
+/// POST /v1/captures/{id}/reconstructions, its body with "capture" added: {"capture": id,
+/// "calibration": id?, "method": "tc-sfm" | "plain"?, "pairs": "exhaustive" | "neighbours"?,
+/// "refine_intrinsics": bool?}. Without a calibration the one that was in force at the capture is
+/// taken. Result: {"reconstruction", "capture", "registered", "of", "rms_px", "verdict",
+/// "verdict_reason", "notes"}. `threads` 0: the machine's cores. `store` outlives the handler.
+JobHandler MakeReconstructionHandler(Store& store, int threads);
+
+}  // namespace rotunda::daemon

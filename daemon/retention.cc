@@ -1,0 +1,111 @@
+#include "daemon/retention.h"
+
+#include <fcntl.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <system_error>
+
+#include "daemon/store_captures.h"
+#include "daemon/store_internal.h"
+#include "daemon/store_reconstructions.h"
+#include "daemon/store_sql.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kMaxDays = 36500;
+
+/// The captures that every given rule names, oldest first. A job that has not ended names its
+/// captures by their ids in its body, or makes one.
+Result<std::vector<std::string>> NamedByPolicy(Store& store, const RetentionPolicy& policy) {
+  std::string query = "SELECT id FROM captures AS c WHERE 1 ";
+  if (policy.keep_count) {
+    query += "AND id NOT IN (SELECT id FROM captures ORDER BY captured_at DESC, id DESC LIMIT " +
+             std::to_string(*policy.keep_count) + ") ";
+  }
+  if (policy.keep_days) query += "AND captured_at < ?1 ";
+  query +=
+      "AND NOT EXISTS (SELECT 1 FROM jobs WHERE state IN ('queued', 'running') AND "
+      "(product = c.id OR instr(body, '\"' || c.id || '\"') > 0)) ORDER BY captured_at, id";
+  std::vector<std::string> named;
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
+    Statement row = database.Prepare(query);
+    if (policy.keep_days) {
+      row.Bind(TimeText(store.options().clock() - std::chrono::days(*policy.keep_days)));
+    }
+    while (row.Step()) named.push_back(row.Text());
+    return row.status();
+  }));
+  return named;
+}
+
+/// Out of sight in one step, so that no crash leaves half a folder under its name; what is left of
+/// it goes at the next start.
+Status RemoveFolder(const fs::path& folder) {
+  fs::path hidden = folder.parent_path() / ("." + folder.filename().string() + ".tmp-removed");
+  std::error_code failed;
+  fs::remove_all(hidden, failed);
+  if (!failed && fs::exists(folder, failed)) fs::rename(folder, hidden, failed);
+  if (!failed) fs::remove_all(hidden, failed);
+  return failed ? Status(Error{ErrorCode::kIo, failed.message(), folder.string()}) : Status();
+}
+
+/// Rows first: a crash in between leaves folders, which are adopted and named by the policy again.
+/// The capture's folder last: without it its reconstructions could not be adopted.
+Status RemoveCapture(Store& store, const std::string& id) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<ReconstructionRecord> reconstructions,
+                           ListReconstructions(store, id));
+  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) {
+    events.push_back(MakeEvent("capture_removed", id, {{"reason", "retention policy"}}));
+    return database.Prepare("DELETE FROM captures WHERE id = ?").Bind(id).Run();
+  }));
+  for (const ReconstructionRecord& reconstruction : reconstructions) {
+    ROTUNDA_RETURN_IF_ERROR(RemoveFolder(store.ReconstructionFolder(reconstruction.id)));
+  }
+  return RemoveFolder(store.CaptureFolder(id));
+}
+
+}  // namespace
+
+Status RetentionPolicy::Validate() const {
+  if (keep_count && *keep_count < 1) {
+    return Error{ErrorCode::kInvalidArgument, "is 0, expected at least 1", "retention.keep_count"};
+  }
+  if (keep_days && (*keep_days < 1 || *keep_days > kMaxDays)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "is " + std::to_string(*keep_days) + ", expected 1 to " + std::to_string(kMaxDays),
+                 "retention.keep_days"};
+  }
+  return {};
+}
+
+Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy) {
+  ROTUNDA_RETURN_IF_ERROR(policy.Validate());
+  if (!policy.keep_count && !policy.keep_days) return std::vector<std::string>();
+  ROTUNDA_ASSIGN_OR_RETURN(std::vector<std::string> named, NamedByPolicy(store, policy));
+  for (const std::string& id : named) ROTUNDA_RETURN_IF_ERROR(RemoveCapture(store, id));
+  return named;
+}
+
+Status CheckDiskReserve(const fs::path& folder, uint64_t reserve_bytes) {
+  struct statvfs disk = {};
+  if (::statvfs(folder.c_str(), &disk) != 0) {
+    return Error{ErrorCode::kIo, std::generic_category().message(errno), folder.string()};
+  }
+  const uint64_t free_bytes = uint64_t{disk.f_bavail} * disk.f_frsize;
+  if (free_bytes >= reserve_bytes) return {};
+  char text[256];
+  std::snprintf(text, sizeof(text),
+                "only %.2f GB are free on the disk and %.2f GB are kept in reserve: make room "
+                "(move captures away, or set a retention policy), then try again",
+                1e-9 * static_cast<double>(free_bytes), 1e-9 * static_cast<double>(reserve_bytes));
+  return Error{ErrorCode::kIo, text, folder.string()};
+}
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/store.h"
+#include "sfm/core/result.h"
+
+namespace rotunda::daemon {
+
+/// Which captures go. With no rule nothing ever does; with both a capture goes only when both name
+/// it. Calibrations and the drift's history always stay.
+struct RetentionPolicy {
+  std::optional<size_t> keep_count;  // the newest so many stay
+  std::optional<int> keep_days;      // what was taken within so many days stays
+  /// kInvalidArgument names the field: both are at least 1.
+  Status Validate() const;
+};
+
+/// Removes the captures that the policy names, with their reconstructions, and gives their ids. A
+/// capture that a queued or running job needs stays until the job has ended.
+Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy);
+
+/// kIo when less than `reserve_bytes` are free where `folder` is; says how much is, and what to do.
+Status CheckDiskReserve(const std::filesystem::path& folder, uint64_t reserve_bytes);
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,233 @@
+#include "daemon/service.h"
+
+#include <grp.h>
+#include <unistd.h>
+
+#include <condition_variable>
+#include <filesystem>
+#include <mutex>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "daemon/api.h"
+#include "daemon/calibration_job.h"
+#include "daemon/capture_job.h"
+#include "daemon/events.h"
+#include "daemon/http_server.h"
+#include "daemon/jobs.h"
+#include "daemon/reconstruction_job.h"
+#include "daemon/retention.h"
+#include "daemon/service_log.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::milliseconds;
+
+// The threads of the server do something twice a second. A handler may read a large model for some
+// seconds, and all of them may at the same time.
+constexpr auto kServerSilence = std::chrono::seconds(30);
+constexpr auto kRetentionInterval = std::chrono::hours(1);
+constexpr uint64_t kBytesPerMegabyte = 1000000;
+
+RetentionPolicy PolicyOf(const config::DaemonConfig::Storage& storage) {
+  RetentionPolicy policy;
+  if (storage.keep_days > 0) policy.keep_days = storage.keep_days;
+  if (storage.keep_count > 0) policy.keep_count = static_cast<size_t>(storage.keep_count);
+  return policy;
+}
+
+std::vector<gid_t> GroupsNamed(const std::string& name, spdlog::logger& log) {
+  if (name.empty()) return {};
+  std::vector<char> memory(1 << 16);
+  group entry{};
+  group* found = nullptr;
+  getgrnam_r(name.c_str(), &entry, memory.data(), memory.size(), &found);
+  if (found != nullptr) return {found->gr_gid};
+  log.warn("there is no group '{}': nobody has its rights", name);
+  return {};
+}
+
+HttpAccess AccessOf(const config::DaemonConfig::Access& access, spdlog::logger& log) {
+  return {GroupsNamed(access.viewer_group, log), GroupsNamed(access.operator_group, log)};
+}
+
+std::map<Role, std::string> RoleNames(const config::DaemonConfig::Access& access) {
+  return {{Role::kViewer,
+           "a member of group '" + access.viewer_group + "' or '" + access.operator_group + "'"},
+          {Role::kOperator, "a member of group '" + access.operator_group + "'"}};
+}
+
+HttpLimits LimitsOf(const config::DaemonConfig::Http& http) {
+  return {http.header_bytes, http.body_bytes, http.connections,  http.streams,
+          http.request_ms,   http.write_ms,   http.heartbeat_ms, http.threads};
+}
+
+/// Applies the retention policy at the start and every hour, apart from everything that is waited
+/// for.
+class Housekeeper {
+ public:
+  Housekeeper(Store& store, RetentionPolicy policy, spdlog::logger& log)
+      : store_(store),
+        policy_(policy),
+        log_(log),
+        thread_([this](std::stop_token stop) { Run(stop); }) {}
+
+  void SetPolicy(RetentionPolicy policy) {
+    const std::lock_guard lock(mutex_);
+    policy_ = policy;
+    changed_ = true;
+    wake_.notify_all();
+  }
+
+ private:
+  void Run(std::stop_token stop) {
+    while (!stop.stop_requested()) {
+      std::unique_lock lock(mutex_);
+      changed_ = false;
+      const RetentionPolicy policy = policy_;
+      lock.unlock();
+      const auto removed = ApplyRetention(store_, policy);
+      if (!removed) log_.error("retention: {}", removed.error().ToString());
+      lock.lock();
+      wake_.wait_for(lock, stop, kRetentionInterval, [this] { return changed_; });
+    }
+  }
+
+  Store& store_;
+  std::mutex mutex_;
+  std::condition_variable_any wake_;
+  RetentionPolicy policy_;
+  bool changed_ = false;
+  spdlog::logger& log_;
+  std::jthread thread_;
+};
+
+}  // namespace
+
+/// In the order in which they are made.
+struct Service::Parts {
+  EventHub events;
+  std::unique_ptr<EventHub::Subscription> event_log;
+  std::unique_ptr<Store> store;
+  std::unique_ptr<CaptureStation> station;
+  std::unique_ptr<JobQueue> jobs;
+  std::unique_ptr<Housekeeper> housekeeper;
+  std::unique_ptr<Router> router;
+  std::unique_ptr<HttpServer> server;
+  std::unique_ptr<EventHub::Subscription> wake_streams;
+  fs::path own_socket;  // empty: systemd's
+};
+
+Service::Service(Options options, spdlog::logger& log)
+    : options_(std::move(options)), log_(log), parts_(std::make_unique<Parts>()) {}
+
+Result<std::unique_ptr<Service>> Service::Start(Options options, spdlog::logger& log) {
+  std::unique_ptr<Service> service(new Service(std::move(options), log));
+  ROTUNDA_RETURN_IF_ERROR(service->StartStore());
+  Parts& parts = *service->parts_;
+  const config::DaemonConfig& config = service->options_.config;
+
+  CaptureStation::Options station{config.capture, std::nullopt,
+                                  milliseconds(config.devices.ready_ms)};
+  if (!config.devices.simulated_socket.empty()) {
+    station.simulated = config.devices.simulated_socket;
+  }
+  parts.station = std::make_unique<CaptureStation>(std::move(station));
+  if (Status opened = parts.station->Open(); !opened) {
+    log.error("cameras: {}; the next capture tries again", opened.error().ToString());
+  }
+  const uint64_t reserve_bytes =
+      kBytesPerMegabyte * static_cast<uint64_t>(config.storage.reserve_mb);
+  JobQueue::Options queue;
+  queue.capture_silence = std::chrono::seconds(config.jobs.capture_silence_s);
+  queue.computing_silence = std::chrono::seconds(config.jobs.computing_silence_s);
+  parts.jobs = std::make_unique<JobQueue>(
+      *parts.store,
+      JobHandlers{MakeCaptureHandler(*parts.store, *parts.station, {reserve_bytes}),
+                  MakeCalibrationHandler(*parts.store, {config.devices.board, config.jobs.threads}),
+                  MakeReconstructionHandler(*parts.store, config.jobs.threads)},
+      queue);
+  parts.housekeeper = std::make_unique<Housekeeper>(*parts.store, PolicyOf(config.storage), log);
+  ROTUNDA_RETURN_IF_ERROR(service->StartServer());
+  return service;
+}
+
+Status Service::StartStore() {
+  parts_->event_log =
+      parts_->events.Subscribe([this](const EventRecord& event) { LogEvent(log_, event); });
+  StoreOptions options;
+  options.state_folder = options_.config.service.state_folder;
+  options.clock = options_.clock;
+  const config::DaemonConfig::Drift& drift = options_.config.drift;
+  options.drift = {drift.position_mm, drift.rotation_deg, static_cast<size_t>(drift.captures)};
+  ROTUNDA_ASSIGN_OR_RETURN(parts_->store, Store::Open(std::move(options), parts_->events));
+  LogRecovery(log_, parts_->store->recovery());
+  return {};
+}
+
+Status Service::StartServer() {
+  const config::DaemonConfig& config = options_.config;
+  Parts& parts = *parts_;
+  const uint64_t reserve_bytes =
+      kBytesPerMegabyte * static_cast<uint64_t>(config.storage.reserve_mb);
+  const ApiParts api{*parts.store,
+                     *parts.jobs,
+                     *parts.station,
+                     options_.version,
+                     parts.store->Now(),
+                     reserve_bytes,
+                     [&parts] { return parts.server->counters(); }};
+  parts.router = std::make_unique<Router>(ApiRoutes(api), RoleNames(config.access));
+  std::optional<int> fd = options_.listening_fd;
+  if (!fd) {
+    ROTUNDA_ASSIGN_OR_RETURN(fd, ListenOn(config.service.socket));
+    parts.own_socket = config.service.socket;
+  }
+  HttpServer::Options options;
+  options.limits = LimitsOf(config.http);
+  options.access = AccessOf(config.access, log_);
+  options.handle = [&router = *parts.router](const HttpRequest& request) {
+    return router.Handle(request);
+  };
+  options.log = [this](const AccessEntry& entry) { LogAccess(log_, entry); };
+  ROTUNDA_ASSIGN_OR_RETURN(parts.server, HttpServer::Start(*fd, std::move(options)));
+  parts.wake_streams =
+      parts.events.Subscribe([&server = *parts.server](const EventRecord&) { server.Wake(); });
+  return {};
+}
+
+Service::~Service() {
+  if (parts_->server) {
+    parts_->server->Stop(milliseconds(options_.config.service.stop_ms));
+  }
+  if (!parts_->own_socket.empty()) unlink(parts_->own_socket.c_str());
+}
+
+void Service::Reload(const config::DaemonConfig& wanted) {
+  for (const std::string& key : config::NeedsRestart(options_.config, wanted)) {
+    log_.warn("{} has changed: it takes a restart", key);
+  }
+  SetLevel(log_, wanted.service.log_level);
+  parts_->server->SetAccess(AccessOf(wanted.access, log_));
+  parts_->router->SetGroups(RoleNames(wanted.access));
+  parts_->housekeeper->SetPolicy(PolicyOf(wanted.storage));
+}
+
+std::optional<std::string> Service::Hung() const {
+  if (parts_->server->Silence() > kServerSilence) return "the API's threads do not answer";
+  return parts_->jobs->Hung();
+}
+
+std::string Service::Summary() const {
+  size_t ready = 0;
+  const std::vector<rig::CameraState> states = parts_->station->States();
+  for (const rig::CameraState& state : states) {
+    ready += state.condition == rig::CameraCondition::kReady;
+  }
+  return std::to_string(ready) + " of " + std::to_string(states.size()) + " cameras ready";
+}
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,213 @@
+#include "daemon/store.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <cstdio>
+#include <ctime>
+#include <mutex>
+#include <system_error>
+#include <utility>
+
+#include "daemon/migrations.h"
+#include "daemon/store_recovery.h"
+#include "daemon/store_sql.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kDatabaseName[] = "rotunda.db";
+constexpr char kLockName[] = "lock";
+constexpr size_t kMaxIdLength = 100;
+
+Error Damaged(const std::string& finding, const fs::path& file) {
+  return {ErrorCode::kBadInput,
+          "is damaged (" + finding +
+              "): move it away with its -wal and -shm and put the newest backup in its place, or "
+              "none: captures, calibrations and reconstructions on disk are found again; nothing "
+              "was changed",
+          file.string()};
+}
+
+/// What SQLite says of a file that is no database, in our words.
+Error AsDamaged(const Error& error, const fs::path& file) {
+  return error.code == ErrorCode::kBadInput ? Damaged(error.message, file) : error;
+}
+
+Status CheckIntegrity(Database& database) {
+  Statement check = database.Prepare("PRAGMA integrity_check(1)");
+  const std::string finding = check.Step() ? check.Text() : "";
+  if (!check.status()) return AsDamaged(check.status().error(), database.name());
+  if (finding != "ok") return Damaged(finding, database.name());
+  ROTUNDA_ASSIGN_OR_RETURN(const int64_t orphans,
+                           database.Number("SELECT count(*) FROM pragma_foreign_key_check"));
+  if (orphans == 0) return {};
+  return Damaged(std::to_string(orphans) + " rows without the row they belong to", database.name());
+}
+
+Status MakeFolder(const fs::path& folder) {
+  std::error_code failed;
+  fs::create_directories(folder, failed);
+  return failed ? Status(Error{ErrorCode::kIo, failed.message(), folder.string()}) : Status();
+}
+
+Status AppendEvents(Database& database, const std::string& now, std::vector<EventRecord>& events) {
+  for (EventRecord& event : events) {
+    event.at = now;
+    ROTUNDA_RETURN_IF_ERROR(
+        database.Prepare("INSERT INTO events (at, kind, about, data) VALUES (?, ?, ?, ?)")
+            .Bind(event.at)
+            .Bind(event.kind)
+            .Bind(event.about)
+            .Bind(event.data)
+            .Run());
+    event.number = database.LastInsertedRow();
+  }
+  return {};
+}
+
+}  // namespace
+
+std::string TimeText(std::chrono::system_clock::time_point time) {
+  using std::chrono::milliseconds;
+  const auto since_epoch = std::chrono::floor<milliseconds>(time.time_since_epoch());
+  const auto whole = std::chrono::floor<std::chrono::seconds>(since_epoch);
+  const std::time_t seconds = whole.count();
+  std::tm utc = {};
+  gmtime_r(&seconds, &utc);
+  char text[64];
+  const size_t size = std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%S", &utc);
+  std::snprintf(text + size, sizeof(text) - size, ".%03dZ",
+                static_cast<int>((since_epoch - whole).count()));
+  return text;
+}
+
+bool IsStoreId(std::string_view id) {
+  const auto is_alnum = [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+  };
+  return !id.empty() && id.size() <= kMaxIdLength && is_alnum(id.front()) &&
+         std::all_of(id.begin(), id.end(),
+                     [&](char c) { return is_alnum(c) || c == '-' || c == '_' || c == '.'; });
+}
+
+struct Store::Connections {
+  std::mutex writer_mutex, reader_mutex;
+  std::optional<Database> writer, reader;
+  int lock_fd = -1;
+
+  ~Connections() {
+    if (lock_fd >= 0) ::close(lock_fd);
+  }
+};
+
+Store::Store(StoreOptions options, EventHub& events)
+    : options_(std::move(options)), hub_(events), connections_(std::make_unique<Connections>()) {}
+
+Store::~Store() = default;
+
+Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& events) {
+  std::unique_ptr<Store> store(new Store(std::move(options), events));
+  for (const char* folder : {"captures", "calibrations", "reconstructions"}) {
+    ROTUNDA_RETURN_IF_ERROR(MakeFolder(store->options_.state_folder / folder));
+  }
+  ROTUNDA_RETURN_IF_ERROR(store->LockFolder());
+  ROTUNDA_RETURN_IF_ERROR(store->OpenDatabase());
+  ROTUNDA_ASSIGN_OR_RETURN(store->recovery_, Recover(*store));
+  return store;
+}
+
+Status Store::LockFolder() {
+  const fs::path file = options_.state_folder / kLockName;
+  connections_->lock_fd = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+  if (connections_->lock_fd < 0) {
+    return Error{ErrorCode::kIo, std::generic_category().message(errno), file.string()};
+  }
+  if (::flock(connections_->lock_fd, LOCK_EX | LOCK_NB) == 0) return {};
+  return Error{ErrorCode::kAlreadyExists, "another rotundad is using this state folder",
+               options_.state_folder.string()};
+}
+
+Status Store::OpenDatabase() {
+  const fs::path file = options_.state_folder / kDatabaseName;
+  Result<Database> opened = Database::Open(file, Database::Access::kReadWrite);
+  if (!opened) return AsDamaged(opened.error(), file);
+  Database& writer = connections_->writer.emplace(std::move(*opened));
+  // Asked before anything is written: a foreign or damaged file is left as it is.
+  const Result<int64_t> version = writer.Number("PRAGMA user_version");
+  if (!version) return AsDamaged(version.error(), file);
+  ROTUNDA_RETURN_IF_ERROR(CheckSchema(writer, SchemaSteps()));
+  ROTUNDA_RETURN_IF_ERROR(CheckIntegrity(writer));
+  ROTUNDA_RETURN_IF_ERROR(
+      writer.Execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;"
+                     "PRAGMA foreign_keys = ON"));
+  ROTUNDA_RETURN_IF_ERROR(Migrate(writer, SchemaSteps()));
+  ROTUNDA_ASSIGN_OR_RETURN(Database reader, Database::Open(file, Database::Access::kReadOnly));
+  connections_->reader.emplace(std::move(reader));
+  return {};
+}
+
+fs::path Store::CaptureFolder(const std::string& id) const {
+  return options_.state_folder / "captures" / id;
+}
+fs::path Store::CalibrationFolder(const std::string& id) const {
+  return options_.state_folder / "calibrations" / id;
+}
+fs::path Store::ReconstructionFolder(const std::string& id) const {
+  return options_.state_folder / "reconstructions" / id;
+}
+
+Status Store::Read(const Reading& reading) {
+  const std::lock_guard lock(connections_->reader_mutex);
+  Database& database = *connections_->reader;
+  ROTUNDA_RETURN_IF_ERROR(database.Execute("BEGIN"));
+  Status status = reading(database);
+  static_cast<void>(database.Execute("COMMIT"));
+  return status;
+}
+
+Status Store::Write(const Writing& writing) {
+  const std::lock_guard lock(connections_->writer_mutex);
+  Database& database = *connections_->writer;
+  std::vector<EventRecord> events;
+  ROTUNDA_RETURN_IF_ERROR(database.Execute("BEGIN IMMEDIATE"));
+  Status status = writing(database, events);
+  if (status) status = AppendEvents(database, Now(), events);
+  if (status) status = database.Execute("COMMIT");
+  if (!status) {
+    static_cast<void>(database.Execute("ROLLBACK"));
+    return status;
+  }
+  hub_.Publish(events);
+  return {};
+}
+
+Status BackUpStore(const fs::path& state_folder, const fs::path& file) {
+  const fs::path source = state_folder / kDatabaseName;
+  std::error_code ignored;
+  if (!fs::exists(source, ignored)) {
+    return Error{ErrorCode::kNotFound, "there is no database", source.string()};
+  }
+  if (fs::exists(file, ignored)) {
+    return Error{ErrorCode::kAlreadyExists, "exists already", file.string()};
+  }
+  fs::path partial = file;
+  partial += ".partial";
+  fs::remove(partial, ignored);
+  ROTUNDA_ASSIGN_OR_RETURN(Database database, Database::Open(source, Database::Access::kReadOnly));
+  ROTUNDA_RETURN_IF_ERROR(CheckSchema(database, SchemaSteps()));
+  Status status = database.CopyTo(partial);
+  if (status && ::rename(partial.c_str(), file.c_str()) != 0) {
+    status = Error{ErrorCode::kIo, std::generic_category().message(errno), file.string()};
+  }
+  if (!status) fs::remove(partial, ignored);
+  return status;
+}
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "daemon/events.h"
+#include "daemon/store_records.h"
+#include "sfm/core/result.h"
+
+namespace rotunda::daemon {
+
+class Database;  // daemon/store_sql.h
+
+using WallClock = std::function<std::chrono::system_clock::time_point()>;
+/// "2026-11-22T23:05:01.123Z".
+std::string TimeText(std::chrono::system_clock::time_point time);
+
+/// Whether `id` may be the name of a capture, calibration or reconstruction: 1 to 100 letters,
+/// digits, '-', '_' and '.', the first a letter or digit. What passes cannot leave its folder.
+bool IsStoreId(std::string_view id);
+
+struct StoreOptions {
+  std::filesystem::path state_folder;  // made when it is missing
+  WallClock clock;
+  DriftLimits drift;
+};
+
+/// What Open() found and put right.
+struct RecoveryReport {
+  std::vector<std::string> adopted;     // folders on disk that had no row: now they have
+  std::vector<std::string> gone;        // rows whose folder is missing: marked
+  std::vector<std::string> unreadable;  // folders without a row that are not what they should be
+  std::vector<int64_t> interrupted;     // jobs that ran when the daemon died
+  size_t removed_temporaries = 0;       // what killed writers left half-written
+};
+
+/// The daemon's memory: one SQLite file (rotunda.db) and the folders captures, calibrations and
+/// reconstructions beside it, which hold the files. What a Record... function has returned for
+/// survives a crash and a power cut. May be used from any thread; the tables' own functions are in
+/// store_captures.h, store_calibrations.h, store_reconstructions.h, store_jobs.h, store_events.h.
+class Store {
+ public:
+  /// Opens or makes the store, brings the schema up to date, checks the file's integrity, and puts
+  /// right what a crash left. `events` outlives the store. Errors: another daemon has the folder;
+  /// a database of another program, of a newer version, or damaged (says what to do); kIo.
+  static Result<std::unique_ptr<Store>> Open(StoreOptions options, EventHub& events);
+  ~Store();
+  Store(const Store&) = delete;
+  Store& operator=(const Store&) = delete;
+
+  const RecoveryReport& recovery() const { return recovery_; }
+  const StoreOptions& options() const { return options_; }
+  std::string Now() const { return TimeText(options_.clock()); }
+
+  std::filesystem::path CaptureFolder(const std::string& id) const;
+  std::filesystem::path CalibrationFolder(const std::string& id) const;
+  std::filesystem::path ReconstructionFolder(const std::string& id) const;
+
+  /// For the tables' functions. Reads see the last commit and do not wait for writers.
+  using Reading = std::function<Status(Database& database)>;
+  Status Read(const Reading& reading);
+  /// All of it or nothing, durable on return. What `writing` appends to `events` (without number
+  /// and time) is stored with it and published after the commit.
+  using Writing = std::function<Status(Database& database, std::vector<EventRecord>& events)>;
+  Status Write(const Writing& writing);
+
+ private:
+  struct Connections;
+  Store(StoreOptions options, EventHub& events);
+  Status LockFolder();
+  Status OpenDatabase();
+
+  const StoreOptions options_;
+  EventHub& hub_;
+  std::unique_ptr<Connections> connections_;
+  RecoveryReport recovery_;
+};
+
+/// A copy of the database of a state folder, whole and consistent, while a daemon uses it or not.
+/// `file` must not exist. Pictures and other files are not in it: copy the folders beside it.
+Status BackUpStore(const std::filesystem::path& state_folder, const std::filesystem::path& file);
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,159 @@
+#include "daemon/store_calibrations.h"
+
+#include <system_error>
+
+#include "daemon/store_internal.h"
+#include "daemon/store_sql.h"
+#include "sfm/core/calibration.h"
+
+namespace rotunda::daemon {
+namespace {
+
+constexpr int kMaxCopies = 10000;
+
+constexpr char kSelect[] =
+    "SELECT id, created_at, source, cameras, rms_px, held_out_px, active, activated_at, files_gone "
+    "FROM calibrations ";
+
+CalibrationRecord ReadRow(Statement& row) {
+  CalibrationRecord calibration;
+  calibration.id = row.Text();
+  calibration.created_at = row.Text();
+  calibration.folder = "calibrations/" + calibration.id;
+  calibration.source = row.Text();
+  calibration.cameras = row.Count();
+  calibration.rms_px = row.OptionalReal();
+  calibration.held_out_rms_px = row.OptionalReal();
+  calibration.active = row.Bool();
+  calibration.activated_at = row.OptionalText();
+  calibration.files_gone = row.Bool();
+  return calibration;
+}
+
+const char* SourceName(CalibrationSource source) {
+  switch (source) {
+    case CalibrationSource::kCharuco:
+      return "charuco";
+    case CalibrationSource::kSfm:
+      return "sfm";
+    case CalibrationSource::kTruth:
+      return "truth";
+  }
+  return "";
+}
+
+Result<CalibrationRecord> Select(Database& database, const std::string& id) {
+  Statement row = database.Prepare(std::string(kSelect) + "WHERE id = ?");
+  const bool found = row.Bind(id).Step();
+  ROTUNDA_RETURN_IF_ERROR(row.status());
+  if (!found) return NotFound("calibration", id);
+  return ReadRow(row);
+}
+
+Status Insert(Database& database, const std::string& id, const Calibration& calibration) {
+  std::optional<double> rms_px, held_out_px;
+  if (calibration.residuals) {
+    rms_px = calibration.residuals->rms_px;
+    held_out_px = calibration.residuals->held_out_rms_px;
+  }
+  Statement insert = database.Prepare(
+      "INSERT INTO calibrations (id, created_at, source, cameras, rms_px, held_out_px) "
+      "VALUES (?, ?, ?, ?, ?, ?)");
+  insert.Bind(id).Bind(calibration.created_at).Bind(SourceName(calibration.source));
+  return insert.Bind(uint64_t{calibration.cameras.size()}).Bind(rms_px).Bind(held_out_px).Run();
+}
+
+}  // namespace
+
+Result<std::string> FreeCalibrationId(Store& store, const std::string& wanted) {
+  for (int n = 1; n <= kMaxCopies; ++n) {
+    std::string id = n == 1 ? wanted : wanted + "-" + std::to_string(n);
+    std::error_code failed;
+    if (std::filesystem::exists(store.CalibrationFolder(id), failed)) continue;
+    const Result<CalibrationRecord> known = FindCalibration(store, id);
+    if (!known && known.error().code == ErrorCode::kNotFound) return id;
+    if (!known) return known.error();
+  }
+  return Error{ErrorCode::kAlreadyExists, "there are too many of this name", wanted};
+}
+
+Result<CalibrationRecord> RecordCalibration(Store& store, const std::string& id) {
+  const std::filesystem::path folder = store.CalibrationFolder(id);
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration calibration,
+                           ReadCalibration(folder / "calibration.json"));
+  if (!IsStoreId(id) || calibration.id != id) {
+    return Error{
+        ErrorCode::kBadInput,
+        "its calibration.json has the id \"" + calibration.id + "\", expected the folder's name",
+        folder.string()};
+  }
+  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
+    const Result<CalibrationRecord> known = Select(database, id);
+    if (known) return {};
+    if (known.error().code != ErrorCode::kNotFound) return known.error();
+    events.push_back(
+        MakeEvent("calibration_stored", id, {{"cameras", calibration.cameras.size()}}));
+    return Insert(database, id, calibration);
+  }));
+  return FindCalibration(store, id);
+}
+
+Result<CalibrationRecord> ActivateCalibration(Store& store, const std::string& id) {
+  ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRecord known, FindCalibration(store, id));
+  ROTUNDA_RETURN_IF_ERROR(ReadCalibration(store.CalibrationFolder(known.id) / "calibration.json"));
+  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
+    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRecord wanted, Select(database, id));
+    if (wanted.active) return {};
+    ROTUNDA_RETURN_IF_ERROR(
+        database.Execute("UPDATE calibrations SET active = 0 WHERE active = 1"));
+    events.push_back(MakeEvent("calibration_activated", id, Json::object()));
+    return database.Prepare("UPDATE calibrations SET active = 1, activated_at = ? WHERE id = ?")
+        .Bind(store.Now())
+        .Bind(id)
+        .Run();
+  }));
+  return FindCalibration(store, id);
+}
+
+Result<CalibrationRecord> FindCalibration(Store& store, const std::string& id) {
+  Result<CalibrationRecord> calibration = NotFound("calibration", id);
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
+    calibration = Select(database, id);
+    return Status();
+  }));
+  return calibration;
+}
+
+Result<std::optional<CalibrationRecord>> ActiveCalibration(Store& store) {
+  std::optional<CalibrationRecord> active;
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
+    Statement row = database.Prepare(std::string(kSelect) + "WHERE active = 1");
+    if (row.Step()) active = ReadRow(row);
+    return row.status();
+  }));
+  return active;
+}
+
+Result<Listing<CalibrationRecord>> ListCalibrations(Store& store, const Page& page) {
+  ROTUNDA_RETURN_IF_ERROR(CheckPage(page));
+  Result<Listing<CalibrationRecord>> listing = Listing<CalibrationRecord>();
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
+    std::string where;
+    std::optional<CalibrationRecord> after;
+    if (!page.after.empty()) {
+      ROTUNDA_ASSIGN_OR_RETURN(after, Select(database, page.after));
+      where = "WHERE (created_at, id) < (?, ?) ";
+    }
+    Statement rows =
+        database.Prepare(kSelect + where + "ORDER BY created_at DESC, id DESC LIMIT ?");
+    if (after) rows.Bind(after->created_at).Bind(after->id);
+    rows.Bind(uint64_t{page.limit + 1});
+    listing = ReadListing<CalibrationRecord>(
+        rows, page.limit, ReadRow,
+        [](const CalibrationRecord& calibration) { return calibration.id; });
+    return Status();
+  }));
+  return listing;
+}
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "daemon/store.h"
+
+namespace rotunda::daemon {
+
+/// `wanted`, or with "-2", "-3", ... behind it when that is taken.
+Result<std::string> FreeCalibrationId(Store& store, const std::string& wanted);
+
+/// Makes the row of calibrations/<id>/calibration.json. Doing it twice changes nothing.
+Result<CalibrationRecord> RecordCalibration(Store& store, const std::string& id);
+
+/// The calibration is in force from now on; captures get a copy of it.
+Result<CalibrationRecord> ActivateCalibration(Store& store, const std::string& id);
+
+Result<CalibrationRecord> FindCalibration(Store& store, const std::string& id);
+/// nullopt: none is in force.
+Result<std::optional<CalibrationRecord>> ActiveCalibration(Store& store);
+Result<Listing<CalibrationRecord>> ListCalibrations(Store& store, const Page& page);
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/store_jobs.h"
+#include "daemon/store_records.h"
+#include "daemon/store_sql.h"
+#include "sfm/core/result.h"
+
+// Private to the .cc files of the store: what its tables share.
+
+namespace rotunda::daemon {
+
+using Json = nlohmann::ordered_json;
+
+/// One line; bytes that are not UTF-8 become U+FFFD.
+inline std::string OneLine(const Json& value) {
+  return value.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+inline EventRecord MakeEvent(std::string kind, std::string about, const Json& data) {
+  return {0, "", std::move(kind), std::move(about), OneLine(data)};
+}
+
+inline Error NotFound(const std::string& what, const std::string& id) {
+  return {ErrorCode::kNotFound, "there is no " + what + " \"" + id + "\"", ""};
+}
+
+Status CheckPage(const Page& page);
+
+/// Reads the rows of a query that asked for one more than `limit`; `id_of` names an item for the
+/// next page.
+template <typename T, typename ReadRow, typename IdOf>
+Result<Listing<T>> ReadListing(Statement& rows, size_t limit, ReadRow read_row, IdOf id_of) {
+  Listing<T> listing;
+  while (rows.Step()) listing.items.push_back(read_row(rows));
+  ROTUNDA_RETURN_IF_ERROR(rows.status());
+  if (listing.items.size() > limit) {
+    listing.items.pop_back();
+    listing.next = id_of(listing.items.back());
+  }
+  return listing;
+}
+
+/// AddJob within a transaction.
+Result<JobRecord> AddJobRow(Database& database, const NewJob& job, const std::string& now,
+                            std::vector<EventRecord>& events);
+
+}  // namespace rotunda::daemon

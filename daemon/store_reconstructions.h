@@ -1,0 +1,30 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "daemon/store.h"
+
+namespace rotunda::daemon {
+
+/// "<capture>-r1", "-r2", ...
+Result<std::string> FreeReconstructionId(Store& store, const std::string& capture);
+
+/// Makes the row of reconstructions/<id>/poses.json and those of its cameras' drift, when the
+/// result may speak of it (drift.h). Cameras that moved or came back by this are events. Doing it
+/// twice changes nothing.
+Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::string& id);
+
+Result<ReconstructionRecord> FindReconstruction(Store& store, const std::string& id);
+/// Of one capture, newest first.
+Result<std::vector<ReconstructionRecord>> ListReconstructions(Store& store,
+                                                              const std::string& capture);
+
+/// Every camera that was compared with the calibration in force, by name; empty without one.
+Result<std::vector<CameraDrift>> DriftNow(Store& store);
+/// One camera through the captures, newest first (`after`: id of a capture), against any
+/// calibration.
+Result<Listing<DriftRecord>> DriftHistory(Store& store, const std::string& camera,
+                                          const Page& page);
+
+}  // namespace rotunda::daemon

@@ -1,0 +1,175 @@
+#include "daemon/store_recovery.h"
+
+#include <algorithm>
+#include <functional>
+#include <set>
+#include <system_error>
+
+#include "daemon/store_calibrations.h"
+#include "daemon/store_captures.h"
+#include "daemon/store_internal.h"
+#include "daemon/store_reconstructions.h"
+#include "daemon/store_sql.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A table whose rows stand for folders.
+struct FolderTable {
+  const char* table;  // and name of the folder that holds the folders
+  const char* what;   // in events
+  const char* file;   // that makes a folder one of these
+  std::function<Status(Store&, const std::string& id)> record;
+};
+
+const std::vector<FolderTable>& Tables() {
+  // Reconstructions refer to captures, so they come last.
+  static const std::vector<FolderTable> tables = {
+      {"calibrations", "calibration", "calibration.json",
+       [](Store& store, const std::string& id) -> Status {
+         ROTUNDA_RETURN_IF_ERROR(RecordCalibration(store, id));
+         return {};
+       }},
+      {"captures", "capture", "frameset.json",
+       [](Store& store, const std::string& id) -> Status {
+         ROTUNDA_RETURN_IF_ERROR(RecordCapture(store, id, std::nullopt));
+         return {};
+       }},
+      {"reconstructions", "reconstruction", "poses.json",
+       [](Store& store, const std::string& id) -> Status {
+         ROTUNDA_RETURN_IF_ERROR(RecordReconstruction(store, id));
+         return {};
+       }}};
+  return tables;
+}
+
+/// ".<name>.tmp-<pid>-<n>", as OutputFolder makes them; the lock on the state folder says that
+/// nobody is writing one.
+bool IsTemporary(const std::string& name) {
+  return name.starts_with('.') && name.find(".tmp-") != std::string::npos;
+}
+
+struct FolderListing {
+  std::vector<std::string> ids;  // sorted
+  std::vector<fs::path> temporaries;
+};
+
+Result<FolderListing> ListFolder(const fs::path& folder) {
+  FolderListing listing;
+  std::error_code failed;
+  for (fs::directory_iterator entry(folder, failed), end; !failed && entry != end;
+       entry.increment(failed)) {
+    const std::string name = entry->path().filename().string();
+    if (IsTemporary(name)) {
+      listing.temporaries.push_back(entry->path());
+    } else if (entry->is_directory(failed) && !failed) {
+      listing.ids.push_back(name);
+    }
+  }
+  if (failed) return Error{ErrorCode::kIo, failed.message(), folder.string()};
+  std::sort(listing.ids.begin(), listing.ids.end());
+  return listing;
+}
+
+struct KnownRow {
+  std::string id;
+  bool files_gone = false;
+};
+
+Result<std::vector<KnownRow>> KnownRows(Store& store, const FolderTable& table) {
+  std::vector<KnownRow> rows;
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
+    Statement row = database.Prepare("SELECT id, files_gone FROM " + std::string(table.table));
+    while (row.Step()) {
+      KnownRow& known = rows.emplace_back();
+      known.id = row.Text();
+      known.files_gone = row.Bool();
+    }
+    return row.status();
+  }));
+  return rows;
+}
+
+Status MarkGone(Store& store, const FolderTable& table, const std::string& id, bool gone) {
+  return store.Write([&](Database& database, auto& events) {
+    if (gone) events.push_back(MakeEvent(std::string(table.what) + "_gone", id, Json::object()));
+    return database
+        .Prepare("UPDATE " + std::string(table.table) +
+                 " SET files_gone = ? "
+                 "WHERE id = ?")
+        .Bind(gone)
+        .Bind(id)
+        .Run();
+  });
+}
+
+Status AdoptFolder(Store& store, const FolderTable& table, const std::string& id,
+                   RecoveryReport& report) {
+  const std::string place = std::string(table.table) + "/" + id;
+  if (const Status recorded = table.record(store, id); !recorded) {
+    // Stays where it is, for a person to look at; the next start tries again.
+    report.unreadable.push_back(place + ": " + recorded.error().ToString());
+    return {};
+  }
+  report.adopted.push_back(place);
+  return store.Write([&](Database&, auto& events) {
+    events.push_back(MakeEvent(std::string(table.what) + "_adopted", id, Json::object()));
+    return Status();
+  });
+}
+
+Status RecoverTable(Store& store, const FolderTable& table, RecoveryReport& report) {
+  const fs::path folder = store.options().state_folder / table.table;
+  ROTUNDA_ASSIGN_OR_RETURN(const FolderListing listing, ListFolder(folder));
+  for (const fs::path& temporary : listing.temporaries) {
+    std::error_code failed;
+    fs::remove_all(temporary, failed);
+    if (failed) return Error{ErrorCode::kIo, failed.message(), temporary.string()};
+    ++report.removed_temporaries;
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<KnownRow> rows, KnownRows(store, table));
+  std::set<std::string> known;
+  for (const KnownRow& row : rows) {
+    known.insert(row.id);
+    std::error_code failed;
+    const bool is_gone = !fs::exists(folder / row.id / table.file, failed);
+    if (is_gone) report.gone.push_back(std::string(table.table) + "/" + row.id);
+    if (is_gone != row.files_gone) {
+      ROTUNDA_RETURN_IF_ERROR(MarkGone(store, table, row.id, is_gone));
+    }
+  }
+  for (const std::string& id : listing.ids) {
+    if (known.contains(id)) continue;
+    ROTUNDA_RETURN_IF_ERROR(AdoptFolder(store, table, id, report));
+  }
+  return {};
+}
+
+Status InterruptJobs(Store& store, RecoveryReport& report) {
+  while (true) {
+    ROTUNDA_ASSIGN_OR_RETURN(const Listing<JobRecord> running,
+                             ListJobs(store, {kMaxPageLimit, ""}, JobState::kRunning));
+    if (running.items.empty()) return {};
+    for (JobRecord job : running.items) {
+      job.state = JobState::kInterrupted;
+      job.error = "the daemon died while it ran";
+      ROTUNDA_RETURN_IF_ERROR(EndJob(store, job));
+      report.interrupted.push_back(job.number);
+    }
+  }
+}
+
+}  // namespace
+
+Result<RecoveryReport> Recover(Store& store) {
+  RecoveryReport report;
+  for (const FolderTable& table : Tables()) {
+    ROTUNDA_RETURN_IF_ERROR(RecoverTable(store, table, report));
+  }
+  ROTUNDA_RETURN_IF_ERROR(InterruptJobs(store, report));
+  return report;
+}
+
+}  // namespace rotunda::daemon

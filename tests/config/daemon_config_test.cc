@@ -1,0 +1,101 @@
+#include "config/daemon_config.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "tests/support/process.h"
+
+namespace rotunda::config {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path Shipped() { return fs::path(ROTUNDA_SOURCE_DIR) / "config" / "rotundad.toml"; }
+
+std::vector<std::string> Texts(const std::vector<Error>& problems) {
+  std::vector<std::string> texts;
+  for (const Error& problem : problems) texts.push_back(problem.ToString());
+  return texts;
+}
+
+TEST(DaemonConfig, TheShippedFileHasNothingWrongAndTheDefaultValues) {
+  const CheckedDaemonConfig shipped = CheckDaemonConfig(Shipped());
+  EXPECT_EQ(Texts(shipped.problems), std::vector<std::string>());
+  EXPECT_EQ(shipped.config.capture.cameras.size(), 90u);
+  EXPECT_EQ(shipped.config.devices.capture, (Shipped().parent_path() / "capture.toml").string());
+  DaemonConfig defaults;
+  defaults.devices.capture = shipped.config.devices.capture;
+  defaults.devices.board = shipped.config.devices.board;
+  EXPECT_EQ(NeedsRestart(defaults, shipped.config), std::vector<std::string>());
+  EXPECT_EQ(shipped.config.access.operator_group, defaults.access.operator_group);
+  EXPECT_EQ(shipped.config.storage.keep_days, defaults.storage.keep_days);
+  EXPECT_EQ(shipped.config.service.log_level, defaults.service.log_level);
+}
+
+TEST(DaemonConfig, EverythingThatIsWrongIsNamedWithItsLine) {
+  const CheckedDaemonConfig checked = CheckDaemonConfigText(
+      "[service]\n"
+      "socket = 5\n"
+      "log_level = \"loud\"\n"
+      "[http]\n"
+      "streams = 200\n"
+      "threads = 0\n"
+      "colour = 1\n"
+      "[storage]\n"
+      "keep_days = -1\n"
+      "[food]\n",
+      "x.toml");
+  EXPECT_EQ(Texts(checked.problems),
+            (std::vector<std::string>{
+                "x.toml:2: service.socket: is a integer, expected a string",
+                "x.toml:7: http.colour: is not known; allowed are header_bytes, body_bytes, "
+                "connections, streams, request_ms, write_ms, heartbeat_ms, threads",
+                "x.toml:10: food: is not known; allowed are the tables service, access, http, "
+                "devices, storage, drift, jobs",
+                "x.toml:6: http.threads: is 0, expected 1 to 64",
+                "x.toml:9: storage.keep_days: is -1, expected 0 to 36500",
+                "x.toml:5: http.streams: is 200, expected less than http.connections, which is 128",
+                "x.toml:3: service.log_level: is \"loud\", expected \"debug\", \"info\", "
+                "\"warning\" or \"error\""}));
+}
+
+TEST(DaemonConfig, PathsAreAbsoluteOrBesideTheFile) {
+  for (const char* text : {"[service]\nsocket = \"x.sock\"\n", "[service]\nstate_folder = \"\"\n",
+                           "[devices]\nsimulated_socket = \"x\"\n"}) {
+    const auto problems = Texts(CheckDaemonConfigText(text, "x").problems);
+    ASSERT_EQ(problems.size(), 1u) << text;
+    EXPECT_NE(problems[0].find("expected an absolute path"), std::string::npos) << problems[0];
+  }
+}
+
+TEST(DaemonConfig, TheFilesItNamesAreCheckedToo) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "d.toml") << "[devices]\ncapture = \"c.toml\"\nboard = \"gone.toml\"\n";
+  std::ofstream(folder / "c.toml")
+      << "[capture]\nwidth_px = \"wide\"\n[trigger]\nline = \"x\"\n[cameras.a]\nserial = 5\n";
+  const auto problems = Texts(CheckDaemonConfig(folder / "d.toml").problems);
+  ASSERT_EQ(problems.size(), 4u);
+  EXPECT_NE(problems[0].find("c.toml:2: capture.width_px"), std::string::npos) << problems[0];
+  EXPECT_NE(problems[1].find("c.toml:4: trigger.line"), std::string::npos) << problems[1];
+  EXPECT_NE(problems[2].find("c.toml:6: cameras.a.serial"), std::string::npos) << problems[2];
+  EXPECT_NE(problems[3].find("gone.toml"), std::string::npos) << problems[3];
+  EXPECT_EQ(CheckDaemonConfig(folder / "none.toml").problems.size(), 1u);
+}
+
+TEST(DaemonConfig, SaysWhatTakesARestart) {
+  DaemonConfig running, wanted;
+  wanted.service.socket = "/x";
+  wanted.service.log_level = "debug";
+  wanted.storage.keep_days = 7;
+  wanted.access.viewer_group = "others";
+  wanted.drift.position_mm = 1;
+  EXPECT_EQ(NeedsRestart(running, wanted),
+            (std::vector<std::string>{"service.socket", "drift.position_mm"}));
+}
+
+}  // namespace
+}  // namespace rotunda::config

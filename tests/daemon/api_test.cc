@@ -1,0 +1,454 @@
+// The whole API over a real store, without cameras and without computing.
+
+#include "daemon/api.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "config/daemon_config.h"
+#include "daemon/model_export.h"
+#include "daemon/openapi.h"
+#include "daemon/store_calibrations.h"
+#include "daemon/store_captures.h"
+#include "daemon/store_reconstructions.h"
+#include "sfm/core/pose_set.h"
+#include "tests/support/daemon_state.h"
+#include "tests/support/json_schema.h"
+#include "tests/support/process.h"
+
+namespace rotunda::daemon {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr char kCapture[] = "20260101T100000Z";
+constexpr char kReconstruction[] = "20260101T100000Z-r1";
+constexpr char kCalibration[] = "charuco-1";
+
+Calibration TwoCameras() {
+  Calibration calibration;
+  calibration.created_at = "2026-01-01T09:00:00Z";
+  for (const char* name : {"c0", "c1"}) {
+    CalibratedCamera& camera = calibration.cameras.emplace_back();
+    camera.camera = name;
+    camera.serial = std::string("S") + name;
+    camera.intrinsics = {CameraModel::kOpencv, 8, 8, {10, 10, 4, 4, 0, 0, 0, 0}};
+    camera.sigma = PoseSigma{0.001, 0.05, 0.1};
+  }
+  return calibration;
+}
+
+/// Camera c1 is 20 mm from where the calibration has it.
+PoseSet MovedPoses() {
+  PoseSet poses;
+  poses.frameset = kCapture;
+  poses.method = "tc-sfm";
+  poses.metric = true;
+  poses.aligned_to = kCalibration;
+  for (const CalibratedCamera& calibrated : TwoCameras().cameras) {
+    CameraPose& pose = poses.cameras.emplace_back();
+    pose.camera = calibrated.camera;
+    pose.registered = true;
+    pose.intrinsics = calibrated.intrinsics;
+    pose.sigma = calibrated.sigma;
+    pose.vs_calibration = VsCalibration{};
+  }
+  poses.cameras[1].vs_calibration = VsCalibration{0.01, 20.0, true};
+  poses.summary.registered = poses.summary.of = 2;
+  poses.summary.folded = false;
+  poses.summary.verdict = "sure";
+  return poses;
+}
+
+JobHandler HandlerThatTakesAll() {
+  JobHandler handler;
+  handler.check = [](const std::string& body) -> Result<std::string> {
+    if (body != "{\"bad\":1}") return body;
+    return Error{ErrorCode::kInvalidArgument, "is not known", "body: bad"};
+  };
+  handler.run = [](const JobRecord&, JobContext&) -> Result<std::string> {
+    return std::string("{}");
+  };
+  return handler;
+}
+
+/// As when the disk is full.
+JobHandler HandlerThatTakesNothing() {
+  JobHandler handler = HandlerThatTakesAll();
+  handler.admit = [] { return Status(Error{ErrorCode::kIo, "is full", "disk"}); };
+  return handler;
+}
+
+class Api : public testing::Test {
+ protected:
+  Api() : station_(CaptureStation::Options()) {
+    jobs_ = std::make_unique<JobQueue>(
+        state_.store(),
+        JobHandlers{HandlerThatTakesAll(), HandlerThatTakesNothing(), HandlerThatTakesAll()},
+        JobQueue::Options());
+    const ApiParts parts{state_.store(),
+                         *jobs_,
+                         station_,
+                         "1.2.3",
+                         state_.store().Now(),
+                         0,
+                         [] { return HttpCounters(); }};
+    router_ = std::make_unique<Router>(
+        ApiRoutes(parts), std::map<Role, std::string>{{Role::kViewer, "a member of group 'v'"},
+                                                      {Role::kOperator, "a member of 'o'"}});
+  }
+
+  /// A calibration in force, a capture, and its reconstruction in which c1 has moved.
+  void Fill() {
+    Store& store = state_.store();
+    test::WriteCalibrationFolder(store.CalibrationFolder(kCalibration), TwoCameras());
+    std::ofstream(store.CalibrationFolder(kCalibration) / "report.html") << "<html>";
+    ASSERT_TRUE(RecordCalibration(store, kCalibration));
+    ASSERT_TRUE(ActivateCalibration(store, kCalibration));
+    test::WriteTinyFrameSet(store.CaptureFolder(kCapture), "2026-01-01T10:00:00Z");
+    ASSERT_TRUE(RecordCapture(store, kCapture, std::nullopt));
+    const auto folder = store.ReconstructionFolder(kReconstruction);
+    std::filesystem::create_directories(folder);
+    std::ofstream(folder / "poses.json") << PoseSetToJson(MovedPoses());
+    std::ofstream(folder / "report.html") << "<html>";
+    std::ofstream(folder / "points.ply") << "ply";
+    const auto recorded = RecordReconstruction(store, kReconstruction);
+    ASSERT_TRUE(recorded) << recorded.error().ToString();
+  }
+
+  HttpResponse Call(const std::string& method, const std::string& target,
+                    const std::string& body = "", Role role = Role::kOperator,
+                    const std::map<std::string, std::string>& headers = {}) {
+    return router_->Handle({method, target, headers, body, {1000, 1, role}});
+  }
+  HttpResponse Get(const std::string& target) { return Call("GET", target); }
+  Json Document() { return Json::parse(Get("/v1/openapi.json").body); }
+  /// The body as JSON; also checks it against the schema called `schema`.
+  Json Checked(const HttpResponse& response, const std::string& schema) {
+    const Json schemas = Document()["components"]["schemas"];
+    EXPECT_TRUE(schemas.contains(schema)) << schema;
+    Json body = Json::parse(response.body, nullptr, false);
+    EXPECT_EQ(test::SchemaProblem(body, schemas[schema], schemas), "") << response.body;
+    return body;
+  }
+
+  test::DaemonState state_;
+  CaptureStation station_;
+  std::unique_ptr<JobQueue> jobs_;
+  std::unique_ptr<Router> router_;
+};
+
+/// The path with what Fill() made in place of its parameters.
+std::string WithIds(std::string path) {
+  const std::map<std::string, std::string> ids = {{"{capture}", kCapture},
+                                                  {"{camera}", "c0"},
+                                                  {"{calibration}", kCalibration},
+                                                  {"{reconstruction}", kReconstruction},
+                                                  {"{job}", "1"}};
+  for (const auto& [name, id] : ids) {
+    if (const size_t at = path.find(name); at != std::string::npos)
+      path.replace(at, name.size(), id);
+  }
+  return path;
+}
+
+TEST_F(Api, TheDocumentHasEveryRouteAndTheRouterEveryOperation) {
+  const Json document = Document();
+  EXPECT_EQ(document["openapi"], "3.1.0");
+  std::set<std::string> in_document, in_table, names;
+  for (const auto& [path, operations] : document["paths"].items()) {
+    for (const auto& [method, operation] : operations.items()) {
+      in_document.insert(method + " " + path);
+      EXPECT_TRUE(names.insert(operation["operationId"]).second) << operation["operationId"];
+      // Whatever is documented is served: neither unknown nor of another method.
+      std::string upper = method;
+      for (char& letter : upper) letter = static_cast<char>(std::toupper(letter));
+      const int status = Call(upper, WithIds(path), "", Role::kNone).status;
+      EXPECT_EQ(status, 403) << method << " " << path;
+    }
+  }
+  for (const Route& route : router_->routes()) {
+    std::string method = route.method;
+    for (char& letter : method) letter = static_cast<char>(std::tolower(letter));
+    in_table.insert(method + " " + route.path);
+  }
+  EXPECT_EQ(in_document, in_table);
+  EXPECT_GE(in_table.size(), 25u);
+}
+
+TEST_F(Api, EveryReadAnswersAsTheDocumentSays) {
+  Fill();
+  ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
+  const Json document = Document();
+  const Json& schemas = document["components"]["schemas"];
+  for (const Route& route : router_->routes()) {
+    if (route.method != "GET" || route.path.starts_with("/v1/cameras/")) continue;
+    std::string target = WithIds(route.path);
+    if (route.operation == "getExport") target += "?format=ply";
+    const HttpResponse answer = Get(target);
+    EXPECT_EQ(answer.status, 200) << target << answer.body;
+    EXPECT_EQ(answer.content_type, route.content_type) << target;
+    EXPECT_TRUE(!answer.file || std::filesystem::exists(*answer.file)) << target;
+    if (route.schema.empty()) continue;
+    EXPECT_EQ(test::SchemaProblem(Json::parse(answer.body), schemas[route.schema], schemas), "")
+        << target << answer.body;
+  }
+}
+
+TEST_F(Api, StatusTellsWhatToSeeTo) {
+  Fill();
+  const Json status = Checked(Get("/v1/status"), "Status");
+  EXPECT_EQ(status["version"], "1.2.3");
+  EXPECT_EQ(status["calibration"], kCalibration);
+  EXPECT_EQ(status["last_capture"]["id"], kCapture);
+  EXPECT_EQ(status["moved"].size(), 0u) << "one capture alone does not name a camera";
+  EXPECT_NE(status["problems"].dump().find("cameras are not open"), std::string::npos);
+  const Json drift = Checked(Get("/v1/drift"), "Drift");
+  EXPECT_EQ(drift["calibration"], kCalibration);
+  EXPECT_EQ(drift["cameras"][1]["position_mm"], 20.0);
+  EXPECT_EQ(drift["cameras"][1]["beyond_limit"], true);
+  const Json history = Checked(Get("/v1/drift?camera=c1"), "DriftPage");
+  EXPECT_EQ(history["items"][0]["capture"], kCapture);
+}
+
+TEST_F(Api, ListsComeInPages) {
+  Store& store = state_.store();
+  for (int i = 0; i < 5; ++i) {
+    const std::string id = "2026010" + std::to_string(i + 1) + "T100000Z";
+    test::WriteTinyFrameSet(store.CaptureFolder(id),
+                            "2026-01-0" + std::to_string(i + 1) + "T10:00:00Z");
+    ASSERT_TRUE(RecordCapture(store, id, std::nullopt));
+  }
+  std::vector<std::string> seen;
+  std::string after;
+  do {
+    const Json page = Checked(
+        Get("/v1/captures?limit=2" + (after.empty() ? "" : "&after=" + after)), "CapturePage");
+    EXPECT_LE(page["items"].size(), 2u);
+    for (const Json& item : page["items"]) seen.push_back(item["id"]);
+    after = page.value("next", "");
+  } while (!after.empty());
+  EXPECT_EQ(seen,
+            (std::vector<std::string>{"20260105T100000Z", "20260104T100000Z", "20260103T100000Z",
+                                      "20260102T100000Z", "20260101T100000Z"}));
+  for (const char* query : {"limit=0", "limit=501", "limit=-1", "limit=99999999999999999999",
+                            "limit=2x", "limit=", "after=..", "after=a%20b", "offset=1"}) {
+    EXPECT_EQ(Get(std::string("/v1/captures?") + query).status, 400) << query;
+  }
+}
+
+TEST_F(Api, JobsAreQueuedOnceForAKey) {
+  const auto post = [&](const std::string& body, const std::string& key) {
+    return Call("POST", "/v1/captures", body, Role::kOperator, {{"idempotency-key", key}});
+  };
+  const HttpResponse first = post("{\"subject\":\"x\"}", "k1");
+  ASSERT_EQ(first.status, 202) << first.body;
+  const Json job = Checked(first, "Job");
+  ASSERT_FALSE(first.headers.empty());
+  EXPECT_EQ(first.headers[0].second, "/v1/jobs/" + std::to_string(job["id"].get<int>()));
+  EXPECT_EQ(Json::parse(post("{\"subject\":\"x\"}", "k1").body)["id"], job["id"]);
+  EXPECT_EQ(post("{\"subject\":\"y\"}", "k1").status, 409);
+  EXPECT_NE(Json::parse(post("{\"subject\":\"x\"}", "k2").body)["id"], job["id"]);
+  EXPECT_EQ(post("{}", std::string(201, 'k')).status, 400);
+  EXPECT_EQ(post("{}", "a b").status, 400);
+}
+
+TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
+  Fill();
+  EXPECT_EQ(Call("POST", "/v1/captures", "{\"bad\":1}").status, 422);
+  EXPECT_EQ(Call("POST", "/v1/calibrations").status, 507);
+  const std::string reconstruct = "/v1/captures/" + std::string(kCapture) + "/reconstructions";
+  const HttpResponse good = Call("POST", reconstruct, "{\"method\":\"plain\"}");
+  ASSERT_EQ(good.status, 202) << good.body;
+  EXPECT_EQ(Json::parse(good.body)["request"]["capture"], kCapture) << "the path says which";
+  EXPECT_EQ(Call("POST", reconstruct, "{\"capture\":\"other\"}").status, 422);
+  for (const char* body : {"{", "[]", "\"x\"", "1", "{\"a\":1,\"a\":2}", "\xff", "null"}) {
+    const int status = Call("POST", reconstruct, body).status;
+    EXPECT_TRUE(status == 400 || status == 422) << body << " " << status;
+  }
+  EXPECT_EQ(Call("POST", reconstruct, std::string(100000, '[')).status, 400);
+  EXPECT_EQ(Call("POST", "/v1/captures/nothing/reconstructions").status, 404);
+  EXPECT_EQ(
+      Call("POST", "/v1/captures", "x", Role::kOperator, {{"content-type", "text/xml"}}).status,
+      415);
+  EXPECT_EQ(Call("GET", "/v1/status", "{}").status, 400) << "takes no body";
+}
+
+TEST_F(Api, RolesGuardWhatActs) {
+  Fill();
+  for (const Route& route : router_->routes()) {
+    const std::string target = WithIds(route.path);
+    const HttpResponse nobody = Call(route.method, target, "", Role::kNone);
+    EXPECT_EQ(nobody.status, 403) << target;
+    if (route.method == "GET") {
+      EXPECT_EQ(route.role, Role::kViewer) << target;
+      continue;
+    }
+    EXPECT_EQ(route.role, Role::kOperator) << target;
+    const HttpResponse viewer = Call(route.method, target, "", Role::kViewer);
+    EXPECT_EQ(viewer.status, 403) << target;
+    EXPECT_NE(viewer.body.find("takes a member of 'o'"), std::string::npos) << viewer.body;
+  }
+}
+
+TEST_F(Api, NoPathLeadsOutOfTheStateFolder) {
+  Fill();
+  std::ofstream(state_.folder() / "secret.json") << "secret";
+  const std::vector<std::string> names = {"..",
+                                          "%2e%2e",
+                                          "..%2fsecret",
+                                          "%2e%2e%2f",
+                                          "....",
+                                          "a%00",
+                                          "secret.json%00.png",
+                                          std::string(101, 'a'),
+                                          std::string(1900, '9'),
+                                          "%ff",
+                                          ".hidden",
+                                          "99999999999999999999999",
+                                          "-1",
+                                          "~",
+                                          "*"};
+  for (const Route& route : router_->routes()) {
+    const size_t open = route.path.find('{'), close = route.path.find('}');
+    if (open == std::string::npos) continue;
+    for (const std::string& name : names) {
+      std::string target = route.path;
+      target.replace(open, close - open + 1, name);
+      target = WithIds(target) + (route.operation == "getExport" ? "?format=ply" : "");
+      const HttpResponse answer = Call(route.method, target);
+      EXPECT_TRUE(answer.status == 400 || answer.status == 404) << target << " " << answer.status;
+      EXPECT_EQ(answer.content_type, "application/problem+json") << target;
+      EXPECT_FALSE(answer.file) << target;
+      Checked(answer, "Problem");
+    }
+  }
+  EXPECT_EQ(Get("/v1/../../etc/passwd").status, 400);
+  EXPECT_EQ(Get("/v1/nothing").status, 404);
+  const HttpResponse method = Call("PATCH", "/v1/captures");
+  EXPECT_EQ(method.status, 405);
+  EXPECT_EQ(method.headers.at(0).second, "POST, GET");
+}
+
+TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
+  Fill();
+  for (const char* target :
+       {"/v1/captures/x", "/v1/captures/x/poses", "/v1/captures/x/export?format=ply",
+        "/v1/captures/x/frames/c0.png", "/v1/captures/20260101T100000Z/frames/c9.png",
+        "/v1/calibrations/x", "/v1/calibrations/x/calibration.json", "/v1/reconstructions/x",
+        "/v1/jobs/999", "/v1/cameras/c0", "/v1/cameras/c0/preview.jpg"}) {
+    const HttpResponse answer = Get(target);
+    EXPECT_EQ(answer.status, 404) << target;
+    Checked(answer, "Problem");
+  }
+  EXPECT_EQ(Call("POST", "/v1/calibrations/x/activate").status, 404);
+  EXPECT_EQ(Call("DELETE", "/v1/jobs/999").status, 404);
+  EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export").status, 400) << "which format?";
+  EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export?format=vrml").status, 400);
+  test::WriteTinyFrameSet(state_.store().CaptureFolder("new"), "2026-01-02T10:00:00Z");
+  ASSERT_TRUE(RecordCapture(state_.store(), "new", std::nullopt));
+  const HttpResponse poses = Get("/v1/captures/new/poses");
+  EXPECT_EQ(poses.status, 404);
+  EXPECT_NE(poses.body.find("not reconstructed yet"), std::string::npos) << poses.body;
+}
+
+/// Numbers of the events in a piece of a stream.
+std::vector<int> NumbersIn(const std::string& stream) {
+  std::vector<int> numbers;
+  for (size_t at = stream.find("id: "); at != std::string::npos; at = stream.find("id: ", at + 1)) {
+    numbers.push_back(std::stoi(stream.substr(at + 4)));
+  }
+  return numbers;
+}
+
+TEST_F(Api, EventStreamsBeginWhereTheClientSays) {
+  Fill();
+  const HttpResponse from_now = Get("/v1/events");
+  ASSERT_TRUE(from_now.stream);
+  EXPECT_EQ(NumbersIn(from_now.stream()), std::vector<int>());
+  const HttpResponse all = Get("/v1/events?after=0");
+  const std::string text = all.stream();
+  const std::vector<int> numbers = NumbersIn(text);
+  ASSERT_GE(numbers.size(), 3u);
+  EXPECT_NE(text.find("event: calibration_activated\n"), std::string::npos) << text;
+  const Json schemas = Document()["components"]["schemas"];
+  const size_t data = text.find("data: ") + 6;
+  const Json event = Json::parse(text.substr(data, text.find('\n', data) - data));
+  EXPECT_EQ(test::SchemaProblem(event, schemas["Event"], schemas), "");
+  EXPECT_EQ(NumbersIn(all.stream()), std::vector<int>()) << "once each";
+  const std::map<std::string, std::string> seen = {{"last-event-id", std::to_string(numbers[1])}};
+  const HttpResponse resumed = Call("GET", "/v1/events", "", Role::kViewer, seen);
+  EXPECT_EQ(NumbersIn(resumed.stream()), std::vector<int>(numbers.begin() + 2, numbers.end()));
+  // What happens later reaches the one that began now.
+  test::WriteTinyFrameSet(state_.store().CaptureFolder("late"), "2026-01-02T10:00:00Z");
+  ASSERT_TRUE(RecordCapture(state_.store(), "late", std::nullopt));
+  EXPECT_EQ(NumbersIn(from_now.stream()).size(), 1u);
+  for (const char* wrong : {"-1", "x", "1e3", "99999999999999999999"}) {
+    EXPECT_EQ(Get(std::string("/v1/events?after=") + wrong).status, 400) << wrong;
+  }
+}
+
+TEST_F(Api, JobsThatHaveEndedCannotBeCancelled) {
+  const Json job = Json::parse(Call("POST", "/v1/captures").body);
+  const std::string target = "/v1/jobs/" + std::to_string(job["id"].get<int>());
+  while (Json::parse(Get(target).body)["state"] != "done") {
+  }
+  EXPECT_EQ(Call("DELETE", target).status, 409);
+  EXPECT_EQ(Call("POST", target + "/rerun").status, 409);
+  EXPECT_EQ(Json::parse(Get("/v1/jobs?state=done").body)["items"].size(), 1u);
+  EXPECT_EQ(Json::parse(Get("/v1/jobs?state=failed").body)["items"].size(), 0u);
+  EXPECT_EQ(Get("/v1/jobs?state=bored").status, 400);
+}
+
+TEST_F(Api, MetricsAreWhatPrometheusReads) {
+  Fill();
+  const std::string text = Get("/metrics").body;
+  EXPECT_NE(text.find("\nrotunda_cameras_ready 0\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("# TYPE rotunda_http_requests_total counter\n"), std::string::npos) << text;
+}
+
+TEST(DaemonDefaults, AreTheSameInTheConfigurationAndInTheParts) {
+  const config::DaemonConfig config;
+  EXPECT_EQ(config.drift.position_mm, DriftLimits().position_mm);
+  EXPECT_EQ(config.drift.rotation_deg, DriftLimits().rotation_deg);
+  EXPECT_EQ(static_cast<size_t>(config.drift.captures), DriftLimits().captures);
+  EXPECT_EQ(config.jobs.capture_silence_s, JobQueue::Options().capture_silence.count());
+  EXPECT_EQ(config.jobs.computing_silence_s, JobQueue::Options().computing_silence.count());
+  EXPECT_EQ(config.http.header_bytes, HttpLimits().header_bytes);
+  EXPECT_EQ(config.http.body_bytes, HttpLimits().body_bytes);
+  EXPECT_EQ(config.http.connections, HttpLimits().connections);
+  EXPECT_EQ(config.http.streams, HttpLimits().streams);
+  EXPECT_EQ(config.http.request_ms, HttpLimits().request_ms);
+  EXPECT_EQ(config.http.write_ms, HttpLimits().write_ms);
+  EXPECT_EQ(config.http.heartbeat_ms, HttpLimits().heartbeat_ms);
+  EXPECT_EQ(config.http.threads, HttpLimits().handler_threads);
+}
+
+TEST(TarArchive, IsReadByTar) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path in = folder / "in", out = folder / "out";
+  std::filesystem::create_directories(in);
+  std::filesystem::create_directories(out);
+  const std::string bytes(1025, 'b');
+  std::ofstream(in / "b.bin") << bytes;
+  std::ofstream(in / "a.txt") << "";
+  const auto tar = TarOf(in);
+  ASSERT_TRUE(tar) << tar.error().ToString();
+  EXPECT_EQ(*tar, *TarOf(in)) << "the same bytes every time";
+  std::ofstream(folder / "x.tar", std::ios::binary) << *tar;
+  const auto list =
+      test::RunProcess({"tar", "-x", "-v", "-f", folder / "x.tar", "-C", out.string()});
+  EXPECT_EQ(list.exit_code, 0) << list.errors;
+  EXPECT_EQ(list.output, "a.txt\nb.bin\n");
+  std::ifstream read(out / "b.bin", std::ios::binary);
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(read), {}), bytes);
+}
+
+}  // namespace
+}  // namespace rotunda::daemon

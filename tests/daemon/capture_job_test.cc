@@ -1,0 +1,199 @@
+#include "daemon/capture_job.h"
+
+#include <gtest/gtest.h>
+
+#include <thread>
+
+#include "daemon/store_calibrations.h"
+#include "daemon/store_captures.h"
+#include "tests/support/daemon_state.h"
+#include "tests/support/simulated_rig.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+using sim::FaultKind;
+using test::DaemonState;
+using test::SimulatedRig;
+
+constexpr int kCameras = 4;
+constexpr char kBlock[] = "127.62.1";
+
+SimulatedRig::Options Rig() {
+  SimulatedRig::Options options;
+  options.block = kBlock;
+  options.cameras = kCameras;
+  options.like.width_px = 300;
+  options.like.height_px = 400;
+  options.source = sim::PatternSource(300, 400);
+  return options;
+}
+
+/// Reconstructions are not what is tested here.
+JobHandler Idle() {
+  JobHandler handler;
+  handler.check = [](const std::string& body) { return Result<std::string>(body); };
+  handler.run = [](const JobRecord&, JobContext&) { return Result<std::string>("{}"); };
+  return handler;
+}
+
+/// Simulated cameras, a station that fires them, and the daemon's queue.
+class CaptureJobTest : public ::testing::Test {
+ protected:
+  CaptureJobTest() : rig_(Rig()) {
+    rig_.capture().retries = 0;
+    rig_.capture().timing.late_ms = 100;
+    rig_.capture().timing.deadline_ms = 500;
+    CaptureStation::Options options{rig_.capture(), rig_.server().socket(), 60s};
+    station_ = std::make_unique<CaptureStation>(options);
+    StartQueue(0);
+  }
+  ~CaptureJobTest() override { queue_.reset(); }
+
+  void StartQueue(uint64_t reserve_bytes) {
+    queue_.reset();
+    queue_ = std::make_unique<JobQueue>(
+        store(),
+        JobHandlers{MakeCaptureHandler(store(), *station_, {reserve_bytes}), Idle(), Idle()},
+        JobQueue::Options{});
+  }
+  Store& store() { return state_.store(); }
+  JobRecord Wait(int64_t number) {
+    while (true) {
+      JobRecord job = FindJob(store(), number).value();
+      if (job.state != JobState::kQueued && job.state != JobState::kRunning) return job;
+      std::this_thread::sleep_for(2ms);
+    }
+  }
+  JobRecord Capture(const std::string& body) {
+    const auto job = queue_->Submit(JobKind::kCapture, body, "");
+    EXPECT_TRUE(job.ok()) << job.error().ToString();
+    return Wait(job->number);
+  }
+
+  DaemonState state_;
+  SimulatedRig rig_;
+  std::unique_ptr<CaptureStation> station_;
+  std::unique_ptr<JobQueue> queue_;
+};
+
+TEST_F(CaptureJobTest, MakesADurableFrameSetWithTheCalibrationInForceAndQueuesItsReconstruction) {
+  Calibration calibration;
+  calibration.created_at = "2026-01-01T00:00:00Z";
+  CalibratedCamera& camera = calibration.cameras.emplace_back();
+  camera.camera = "c000";
+  camera.intrinsics = {CameraModel::kPinhole, 300, 400, {400, 400, 150, 200}};
+  test::WriteCalibrationFolder(store().CalibrationFolder("now"), calibration);
+  ASSERT_TRUE(RecordCalibration(store(), "now").ok());
+  ASSERT_TRUE(ActivateCalibration(store(), "now").ok());
+
+  const JobRecord job = Capture("{\"subject\": \"Anna\"}");
+  ASSERT_EQ(job.state, JobState::kDone) << job.error;
+  const auto capture = FindCapture(store(), job.product);
+  ASSERT_TRUE(capture.ok());
+  EXPECT_EQ(capture->ok_frames, uint64_t{kCameras});
+  EXPECT_EQ(capture->subject, "Anna");
+  EXPECT_EQ(capture->calibration, "now");
+  const auto set = ReadFrameSet(store().CaptureFolder(capture->id));
+  ASSERT_TRUE(set.ok());
+  EXPECT_EQ(set->id, capture->id);
+  EXPECT_EQ(std::get<std::string>(set->trigger.at("source")), "simulated");
+  EXPECT_NE(job.result.find("\"complete\":true"), std::string::npos) << job.result;
+
+  const auto jobs = ListJobs(store(), {});
+  ASSERT_EQ(jobs->items.size(), 2u);
+  EXPECT_EQ(jobs->items[0].kind, JobKind::kReconstruction);
+  EXPECT_NE(jobs->items[0].body.find("\"capture\":\"" + capture->id + "\""), std::string::npos);
+
+  // The next one: the cameras are still open.
+  const JobRecord second = Capture("{\"reconstruct\": false}");
+  ASSERT_EQ(second.state, JobState::kDone) << second.error;
+  EXPECT_NE(second.product, job.product);
+  EXPECT_EQ(ListJobs(store(), {})->items.size(), 3u) << "no reconstruction of it";
+  for (const rig::CameraState& state : station_->States()) {
+    EXPECT_EQ(state.condition, rig::CameraCondition::kReady) << state.camera;
+  }
+}
+
+TEST_F(CaptureJobTest, AShotWithMissingCamerasIsKeptAndSaysWhich) {
+  ASSERT_TRUE(rig_.server().SetFault(2, {FaultKind::kMute, 0, 0}).ok());
+  const JobRecord job = Capture("{}");
+  ASSERT_EQ(job.state, JobState::kDone) << job.error;
+  const auto capture = FindCapture(store(), job.product);
+  EXPECT_EQ(capture->ok_frames, uint64_t{kCameras - 1});
+  EXPECT_EQ(capture->frames, uint64_t{kCameras});
+  EXPECT_EQ(ListFrames(store(), capture->id)->at(2).status, "missing");
+  EXPECT_NE(job.result.find("c002 missing"), std::string::npos) << job.result;
+}
+
+TEST_F(CaptureJobTest, IsRefusedWhenTheDiskIsNearlyFull) {
+  StartQueue(uint64_t{1} << 60);
+  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
+  ASSERT_FALSE(job.ok());
+  EXPECT_EQ(job.error().code, ErrorCode::kIo);
+  EXPECT_NE(job.error().message.find("reserve"), std::string::npos);
+  EXPECT_TRUE(ListJobs(store(), {})->items.empty());
+}
+
+TEST_F(CaptureJobTest, RefusesRequestsThatItDoesNotUnderstand) {
+  for (const char* body : {"", "[]", "{\"subject\": 5}", "{\"reconstruct\": \"no\"}",
+                           "{\"colour\": true}", "{\"subject\": \"a\", \"subject\": \"b\"}"}) {
+    const auto job = queue_->Submit(JobKind::kCapture, body, "");
+    ASSERT_FALSE(job.ok()) << body;
+    EXPECT_EQ(job.error().code, ErrorCode::kInvalidArgument) << body;
+  }
+  const std::string long_name(201, 'a');
+  EXPECT_FALSE(queue_->Submit(JobKind::kCapture, "{\"subject\":\"" + long_name + "\"}", "").ok());
+}
+
+TEST_F(CaptureJobTest, ThatHadItsShotBeforeTheDaemonDiedDoesNotTakeAnother) {
+  queue_.reset();
+  const auto job = AddJob(store(), {JobKind::kCapture, "{\"reconstruct\":true}", ""});
+  ASSERT_TRUE(TakeJob(store(), {JobKind::kCapture}).ok());
+  ASSERT_TRUE(SetJobProduct(store(), job->number, "had").ok());
+  test::WriteTinyFrameSet(store().CaptureFolder("had"), "2026-01-01T00:00:00Z");
+  state_.Reopen();
+  EXPECT_EQ(store().recovery().adopted, std::vector<std::string>{"captures/had"});
+  StartQueue(0);
+  ASSERT_TRUE(queue_->Rerun(job->number).ok());
+  const JobRecord end = Wait(job->number);
+  EXPECT_EQ(end.state, JobState::kDone) << end.error;
+  EXPECT_NE(end.result.find("\"capture\":\"had\""), std::string::npos);
+  EXPECT_EQ(ListCaptures(store(), {})->items.size(), 1u);
+  EXPECT_EQ(ListJobs(store(), {})->items[0].kind, JobKind::kReconstruction);
+}
+
+TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsCancelled) {
+  // Nothing can be made in a folder that is a file.
+  const fs::path captures = state_.folder() / "captures";
+  fs::remove_all(captures);
+  ASSERT_TRUE(WriteNewFile(captures, "").ok());
+  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
+  while (!station_->DiskTrouble()) std::this_thread::sleep_for(2ms);
+  EXPECT_EQ(FindJob(store(), job->number)->state, JobState::kRunning);
+  ASSERT_TRUE(queue_->Cancel(job->number).ok());
+  EXPECT_EQ(Wait(job->number).state, JobState::kCancelled);
+
+  fs::remove(captures);
+  fs::create_directory(captures);
+  const JobRecord next = Capture("{}");
+  EXPECT_EQ(next.state, JobState::kDone) << next.error;
+}
+
+TEST_F(CaptureJobTest, APreviewIsAJpegAsSoonAsTheCameraIsReady) {
+  ASSERT_TRUE(station_->Open().ok());
+  Result<std::string> jpeg = Error{};
+  while (!jpeg && jpeg.error().code == ErrorCode::kFailed) {
+    jpeg = station_->PreviewJpeg("c001");
+    std::this_thread::sleep_for(1ms);
+  }
+  ASSERT_TRUE(jpeg.ok()) << jpeg.error().ToString();
+  EXPECT_EQ(jpeg->substr(0, 3), "\xFF\xD8\xFF");
+  EXPECT_EQ(station_->PreviewJpeg("nobody").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(Capture("{}").state, JobState::kDone) << "previews before that did no harm";
+}
+
+}  // namespace
+}  // namespace rotunda::daemon

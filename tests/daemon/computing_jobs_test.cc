@@ -1,0 +1,106 @@
+#include <gtest/gtest.h>
+
+#include "daemon/calibration_job.h"
+#include "daemon/reconstruction_job.h"
+#include "daemon/store_captures.h"
+#include "daemon/store_reconstructions.h"
+#include "tests/support/daemon_state.h"
+#include "tests/support/small_frame_set.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using test::DaemonState;
+
+/// A capture of noise, which no reconstruction makes sense of.
+void AddNoise(Store& store, const std::string& id) {
+  test::WriteSmallFrameSet(store.CaptureFolder(id), 3, "NOISE");
+  ASSERT_TRUE(RecordCapture(store, id, std::nullopt).ok());
+}
+
+JobRecord JobOf(Store& store, JobKind kind, const std::string& body) {
+  const auto added = AddJob(store, {kind, body, ""});
+  EXPECT_TRUE(added.ok());
+  return *added;
+}
+
+TEST(ReconstructionJob, TheBodyIsFilledInAndChecked) {
+  DaemonState state;
+  AddNoise(state.store(), "x");
+  const JobHandler handler = MakeReconstructionHandler(state.store(), 1);
+  EXPECT_EQ(handler.check("{\"capture\": \"x\"}").value(), ReconstructionBody("x"));
+  EXPECT_EQ(handler.check("{ \"pairs\":\"exhaustive\", \"capture\":\"x\" }").value(),
+            ReconstructionBody("x"))
+      << "the same request, however it is written";
+  EXPECT_EQ(handler.check("{\"capture\": \"y\"}").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(handler.check("{\"capture\": \"x\", \"calibration\": \"../x\"}").error().code,
+            ErrorCode::kNotFound);
+  for (const char* body :
+       {"{}", "{\"capture\": 3}", "{\"capture\": \"x\", \"method\": \"magic\"}",
+        "{\"capture\": \"x\", \"pairs\": \"\"}", "{\"capture\": \"x\", \"threads\": 5}"}) {
+    EXPECT_EQ(handler.check(body).error().code, ErrorCode::kInvalidArgument) << body;
+  }
+  EXPECT_NE(handler.check("{\"capture\": \"x\", \"method\": \"magic\"}")
+                .error()
+                .ToString()
+                .find("method: expected \"tc-sfm\" or \"plain\""),
+            std::string::npos)
+      << handler.check("{\"capture\": \"x\", \"method\": \"magic\"}").error().ToString();
+}
+
+TEST(ReconstructionJob, WhatFailsOrIsStoppedLeavesNothingBehind) {
+  DaemonState state;
+  AddNoise(state.store(), "x");
+  const JobHandler handler = MakeReconstructionHandler(state.store(), 1);
+  const JobRecord job = JobOf(state.store(), JobKind::kReconstruction, ReconstructionBody("x"));
+  std::stop_source stop;
+  for (const bool is_stopped : {false, true}) {
+    if (is_stopped) stop.request_stop();
+    JobContext context{stop.get_token(), nullptr};
+    const auto result = handler.run(job, context);
+    ASSERT_FALSE(result.ok());
+    EXPECT_EQ(result.error().code == ErrorCode::kCancelled, is_stopped)
+        << result.error().ToString();
+    EXPECT_TRUE(fs::is_empty(state.folder() / "reconstructions"));
+    EXPECT_TRUE(ListReconstructions(state.store(), "x")->empty());
+  }
+}
+
+TEST(CalibrationJob, TheRequestIsChecked) {
+  DaemonState state;
+  AddNoise(state.store(), "x");
+  const JobHandler handler = MakeCalibrationHandler(state.store(), {"board.toml", 1});
+  EXPECT_EQ(handler.check("{\"captures\": [\"x\"]}").value(),
+            "{\"captures\":[\"x\"],\"model\":\"opencv\"}");
+  EXPECT_EQ(handler.check("{\"captures\": [\"x\", \"y\"]}").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(handler.check("{\"captures\": [\"x\"], \"compare\": \"none\"}").error().code,
+            ErrorCode::kNotFound);
+  for (const char* body : {"{}", "{\"captures\": []}", "{\"captures\": \"x\"}",
+                           "{\"captures\": [1]}", "{\"captures\": [\"x\"], \"model\": \"fish\"}",
+                           "{\"captures\": [\"x\"], \"board\": \"/etc/passwd\"}"}) {
+    EXPECT_EQ(handler.check(body).error().code, ErrorCode::kInvalidArgument) << body;
+  }
+}
+
+TEST(CalibrationJob, APictureWithoutABoardIsAReasonToFail) {
+  DaemonState state;
+  AddNoise(state.store(), "x");
+  const JobHandler handler = MakeCalibrationHandler(
+      state.store(), {fs::path(ROTUNDA_SOURCE_DIR) / "config/cuboid.toml", 1});
+  const JobRecord job =
+      JobOf(state.store(), JobKind::kCalibration, handler.check("{\"captures\":[\"x\"]}").value());
+  JobContext context{{}, nullptr};
+  const auto result = handler.run(job, context);
+  ASSERT_FALSE(result.ok());
+  EXPECT_FALSE(result.error().message.empty());
+  EXPECT_TRUE(fs::is_empty(state.folder() / "calibrations"));
+}
+
+TEST(CalibrationIds, AreMadeOfTheTimeOfTheNewestShot) {
+  EXPECT_EQ(CalibrationIdOf("2026-01-18T10:15:00Z"), "charuco-20260118T101500Z");
+  EXPECT_EQ(CalibrationIdOf("2026-01-18T10:15:00.250Z"), "charuco-20260118T101500250Z");
+}
+
+}  // namespace
+}  // namespace rotunda::daemon

@@ -1,0 +1,127 @@
+#include "daemon/retention.h"
+
+#include <gtest/gtest.h>
+
+#include "daemon/store_captures.h"
+#include "daemon/store_events.h"
+#include "daemon/store_reconstructions.h"
+#include "daemon/store_sql.h"
+#include "sfm/core/pose_set.h"
+#include "tests/support/daemon_state.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using test::DaemonState;
+
+constexpr int kCaptures = 8;
+
+/// Captures x0 (2025-12-01) to x7 (2025-12-08), a reconstruction of each; now is 2026-01-01.
+class RetentionTest : public ::testing::Test {
+ protected:
+  RetentionTest() {
+    for (int i = 0; i < kCaptures; ++i) {
+      const std::string id = Name(i), made = id + "-r1";
+      test::WriteTinyFrameSet(store().CaptureFolder(id),
+                              "2025-12-0" + std::to_string(i + 1) + "T12:00:00.000Z");
+      EXPECT_TRUE(RecordCapture(store(), id, std::nullopt).ok());
+      PoseSet poses;
+      poses.frameset = id;
+      fs::create_directories(store().ReconstructionFolder(made));
+      EXPECT_TRUE(
+          WriteNewFile(store().ReconstructionFolder(made) / "poses.json", PoseSetToJson(poses)));
+      EXPECT_TRUE(RecordReconstruction(store(), made).ok());
+    }
+  }
+  Store& store() { return state_.store(); }
+  static std::string Name(int i) { return "x" + std::to_string(i); }
+
+  /// "x3 x4" of the captures that are there, by row and by folder.
+  std::string Left() {
+    std::string left;
+    for (int i = 0; i < kCaptures; ++i) {
+      const std::string id = Name(i);
+      const bool has_row = FindCapture(store(), id).ok();
+      EXPECT_EQ(fs::exists(store().CaptureFolder(id) / "frames/c0.png"), has_row) << id;
+      EXPECT_EQ(FindReconstruction(store(), id + "-r1").ok(), has_row) << id;
+      EXPECT_EQ(fs::exists(store().ReconstructionFolder(id + "-r1")), has_row) << id;
+      if (has_row) left += (left.empty() ? "" : " ") + id;
+    }
+    return left;
+  }
+
+  DaemonState state_;
+};
+
+TEST_F(RetentionTest, WithoutARuleNothingEverGoes) {
+  EXPECT_TRUE(ApplyRetention(store(), {})->empty());
+  EXPECT_EQ(Left(), "x0 x1 x2 x3 x4 x5 x6 x7");
+}
+
+TEST_F(RetentionTest, TheNewestStay) {
+  EXPECT_EQ(ApplyRetention(store(), {3, std::nullopt})->size(), 5u);
+  EXPECT_EQ(Left(), "x5 x6 x7");
+  EXPECT_TRUE(ApplyRetention(store(), {3, std::nullopt})->empty()) << "a second time";
+  EXPECT_EQ(state_.Reopen().recovery().adopted.size(), 0u);
+  EXPECT_TRUE(store().recovery().gone.empty());
+  EXPECT_EQ(Left(), "x5 x6 x7");
+}
+
+TEST_F(RetentionTest, WhatIsYoungStays) {
+  // A bit more than 27 days before 2026-01-01 00:00 are x0 to x3.
+  EXPECT_EQ(ApplyRetention(store(), {std::nullopt, 27})->size(), 4u);
+  EXPECT_EQ(Left(), "x4 x5 x6 x7");
+}
+
+TEST_F(RetentionTest, WithTwoRulesBothMustNameIt) {
+  EXPECT_EQ(ApplyRetention(store(), {6, 27})->size(), 2u);
+  EXPECT_EQ(Left(), "x2 x3 x4 x5 x6 x7");
+}
+
+TEST_F(RetentionTest, WhatAJobNeedsStaysUntilItHasEnded) {
+  ASSERT_TRUE(AddJob(store(), {JobKind::kReconstruction, "{\"capture\":\"x1\"}", ""}).ok());
+  ASSERT_TRUE(AddJob(store(), {JobKind::kCalibration, "{\"captures\":[\"x0\",\"x2\"]}", ""}).ok());
+  EXPECT_EQ(ApplyRetention(store(), {3, std::nullopt})->size(), 2u);
+  EXPECT_EQ(Left(), "x0 x1 x2 x5 x6 x7");
+  for (const int64_t number : {1, 2}) ASSERT_TRUE(RequestCancel(store(), number).ok());
+  EXPECT_EQ(ApplyRetention(store(), {3, std::nullopt})->size(), 3u);
+  EXPECT_EQ(Left(), "x5 x6 x7");
+}
+
+TEST_F(RetentionTest, ACrashInBetweenIsMadeGood) {
+  // Rows are gone, folders are not.
+  ASSERT_TRUE(store()
+                  .Write([](Database& database, auto&) {
+                    return database.Execute("DELETE FROM captures WHERE id = 'x0'");
+                  })
+                  .ok());
+  // The capture is out of sight but still on the disk.
+  ASSERT_TRUE(ApplyRetention(store(), {7, std::nullopt})->empty());
+  fs::create_directories(state_.folder() / "captures/.x9.tmp-removed/frames");
+  state_.Reopen();
+  EXPECT_EQ(store().recovery().adopted,
+            (std::vector<std::string>{"captures/x0", "reconstructions/x0-r1"}));
+  EXPECT_FALSE(fs::exists(state_.folder() / "captures/.x9.tmp-removed"));
+  EXPECT_EQ(ApplyRetention(store(), {7, std::nullopt})->size(), 1u);
+  EXPECT_EQ(Left(), "x1 x2 x3 x4 x5 x6 x7");
+}
+
+TEST_F(RetentionTest, RefusesRulesThatWouldTakeEverything) {
+  EXPECT_EQ(ApplyRetention(store(), {0, std::nullopt}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(ApplyRetention(store(), {std::nullopt, 0}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(ApplyRetention(store(), {std::nullopt, -5}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(Left(), "x0 x1 x2 x3 x4 x5 x6 x7");
+}
+
+TEST(DiskReserve, IsRefusedWithWhatToDo) {
+  EXPECT_TRUE(CheckDiskReserve("/", 0).ok());
+  const Status full = CheckDiskReserve("/", uint64_t{1} << 60);
+  ASSERT_FALSE(full.ok());
+  EXPECT_EQ(full.error().code, ErrorCode::kIo);
+  EXPECT_NE(full.error().message.find("make room"), std::string::npos);
+  EXPECT_FALSE(CheckDiskReserve("/nonexistent/folder", 0).ok());
+}
+
+}  // namespace
+}  // namespace rotunda::daemon

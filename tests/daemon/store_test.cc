@@ -1,0 +1,312 @@
+#include "daemon/store.h"
+
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+
+#include <filesystem>
+#include <fstream>
+#include <set>
+
+#include "daemon/events.h"
+#include "daemon/migrations.h"
+#include "daemon/store_calibrations.h"
+#include "daemon/store_captures.h"
+#include "daemon/store_events.h"
+#include "daemon/store_jobs.h"
+#include "tests/support/daemon_state.h"
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+using test::DaemonState;
+using test::WriteTinyFrameSet;
+
+/// What `sql` does to a database from outside.
+void RunSql(const fs::path& file, const std::string& sql) {
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open(file.c_str(), &database), SQLITE_OK);
+  char* problem = nullptr;
+  EXPECT_EQ(sqlite3_exec(database, sql.c_str(), nullptr, nullptr, &problem), SQLITE_OK) << problem;
+  sqlite3_close(database);
+}
+
+Calibration OneCamera() {
+  Calibration calibration;
+  calibration.created_at = "2026-01-01T00:00:00Z";
+  CalibratedCamera& camera = calibration.cameras.emplace_back();
+  camera.camera = "c0";
+  camera.intrinsics = {CameraModel::kPinhole, 8, 8, {100, 100, 4, 4}};
+  return calibration;
+}
+
+TEST(StoreIds, CannotLeaveTheirFolder) {
+  for (const char* fine : {"20261122T230501Z", "20261122T230501Z-2", "charuco-1", "a.b_c"}) {
+    EXPECT_TRUE(IsStoreId(fine)) << fine;
+  }
+  for (const char* bad : {"", ".", "..", ".hidden", "a/b", "../a", "a b", "-a", "a\n", "%2e"}) {
+    EXPECT_FALSE(IsStoreId(bad)) << bad;
+  }
+  EXPECT_FALSE(IsStoreId(std::string(101, 'a')));
+  EXPECT_FALSE(IsStoreId(std::string_view("a\0b", 3)));
+}
+
+TEST(StoreTime, HasMilliseconds) {
+  EXPECT_EQ(
+      TimeText(std::chrono::system_clock::time_point(std::chrono::milliseconds(1767225600007))),
+      "2026-01-01T00:00:00.007Z");
+}
+
+TEST(Store, KeepsACaptureOverARestart) {
+  DaemonState state;
+  const std::string id = FreeCaptureId(state.store()).value();
+  EXPECT_TRUE(IsStoreId(id));
+  WriteTinyFrameSet(state.store().CaptureFolder(id), "2026-01-01T00:00:05.123Z", 3);
+  ASSERT_TRUE(RecordCapture(state.store(), id, std::nullopt).ok());
+  ASSERT_TRUE(RecordCapture(state.store(), id, std::nullopt).ok()) << "a second time";
+
+  state.Reopen();
+  EXPECT_TRUE(state.store().recovery().adopted.empty());
+  const auto found = FindCapture(state.store(), id);
+  ASSERT_TRUE(found.ok());
+  EXPECT_EQ(found->captured_at, "2026-01-01T00:00:05.123Z");
+  EXPECT_EQ(found->ok_frames, 3u);
+  EXPECT_EQ(found->folder, "captures/" + id);
+  const auto frames = ListFrames(state.store(), id);
+  ASSERT_TRUE(frames.ok());
+  ASSERT_EQ(frames->size(), 3u);
+  EXPECT_EQ((*frames)[2].file, "captures/" + id + "/frames/c2.png");
+  EXPECT_EQ((*frames)[2].xxh3, "0123456789abcdef");
+  EXPECT_NE(FreeCaptureId(state.store()).value(), id);
+}
+
+TEST(Store, SaysWhatIsNotThere) {
+  DaemonState state;
+  EXPECT_EQ(FindCapture(state.store(), "../etc").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(ListFrames(state.store(), "nothing").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(FindJob(state.store(), 7).error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(ActivateCalibration(state.store(), "../c").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(ListCaptures(state.store(), {10, "nothing"}).error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(ListCaptures(state.store(), {0, ""}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(ListCaptures(state.store(), {501, ""}).error().code, ErrorCode::kInvalidArgument);
+}
+
+TEST(Store, AdoptsWhatACrashLeftAndRemovesHalfWrittenFolders) {
+  DaemonState state;
+  state.Close();
+  WriteTinyFrameSet(state.folder() / "captures/orphan", "2026-01-01T00:00:00Z");
+  WriteTinyFrameSet(state.folder() / "captures/.killed.tmp-123-0", "2026-01-01T00:00:00Z");
+  test::WriteCalibrationFolder(state.folder() / "calibrations/found", OneCamera());
+  fs::create_directories(state.folder() / "captures/rubbish");
+
+  Store& store = state.Reopen();
+  EXPECT_EQ(store.recovery().adopted,
+            (std::vector<std::string>{"calibrations/found", "captures/orphan"}));
+  EXPECT_EQ(store.recovery().removed_temporaries, 1u);
+  ASSERT_EQ(store.recovery().unreadable.size(), 1u);
+  EXPECT_NE(store.recovery().unreadable[0].find("captures/rubbish"), std::string::npos);
+  EXPECT_TRUE(fs::exists(state.folder() / "captures/rubbish"));
+  EXPECT_FALSE(fs::exists(state.folder() / "captures/.killed.tmp-123-0"));
+  EXPECT_EQ(FindCapture(store, "orphan")->frames, 2u);
+  EXPECT_EQ(FindCalibration(store, "found")->cameras, 1u);
+}
+
+TEST(Store, MarksCapturesWhoseFilesAreGoneUntilTheyAreBack) {
+  DaemonState state;
+  const fs::path folder = state.store().CaptureFolder("a");
+  WriteTinyFrameSet(folder, "2026-01-01T00:00:00Z");
+  ASSERT_TRUE(RecordCapture(state.store(), "a", std::nullopt).ok());
+  fs::rename(folder, state.folder() / "elsewhere");
+  EXPECT_EQ(state.Reopen().recovery().gone, std::vector<std::string>{"captures/a"});
+  EXPECT_TRUE(FindCapture(state.store(), "a")->files_gone);
+  fs::rename(state.folder() / "elsewhere", folder);
+  EXPECT_TRUE(state.Reopen().recovery().gone.empty());
+  EXPECT_FALSE(FindCapture(state.store(), "a")->files_gone);
+}
+
+TEST(Store, HasOneCalibrationInForce) {
+  DaemonState state;
+  for (const char* id : {"one", "two"}) {
+    test::WriteCalibrationFolder(state.store().CalibrationFolder(id), OneCamera());
+    ASSERT_TRUE(RecordCalibration(state.store(), id).ok());
+  }
+  EXPECT_FALSE(ActiveCalibration(state.store())->has_value());
+  EXPECT_TRUE(ActivateCalibration(state.store(), "one")->active);
+  EXPECT_TRUE(ActivateCalibration(state.store(), "two")->active);
+  state.Reopen();
+  EXPECT_EQ((*ActiveCalibration(state.store()))->id, "two");
+  EXPECT_FALSE(FindCalibration(state.store(), "one")->active);
+  EXPECT_EQ(FreeCalibrationId(state.store(), "one").value(), "one-2");
+  EXPECT_EQ(ListCalibrations(state.store(), {})->items.size(), 2u);
+}
+
+TEST(Store, RefusesASecondDaemon) {
+  DaemonState state;
+  const auto second = state.TryOpen();
+  ASSERT_FALSE(second.ok());
+  EXPECT_NE(second.error().message.find("another rotundad"), std::string::npos);
+}
+
+TEST(StoreSchema, RefusesDatabasesOfOthersAndOfTheFuture) {
+  DaemonState state;
+  state.Close();
+  const fs::path file = state.folder() / "rotunda.db";
+  RunSql(file, "PRAGMA user_version = 1000");
+  auto opened = state.TryOpen();
+  ASSERT_FALSE(opened.ok());
+  EXPECT_NE(opened.error().message.find("schema version 1000, this rotundad knows 1 to "),
+            std::string::npos);
+  RunSql(file, "PRAGMA user_version = 1");
+  EXPECT_TRUE(state.TryOpen().ok());
+
+  RunSql(file, "PRAGMA application_id = 252006675");
+  opened = state.TryOpen();
+  ASSERT_FALSE(opened.ok());
+  EXPECT_NE(opened.error().message.find("another program (application id 0x0f055113"),
+            std::string::npos)
+      << opened.error().message;
+
+  fs::remove(file);
+  RunSql(file, "CREATE TABLE images(name TEXT)");
+  opened = state.TryOpen();
+  ASSERT_FALSE(opened.ok());
+  EXPECT_NE(opened.error().message.find("another program"), std::string::npos);
+}
+
+TEST(StoreSchema, TakesAnOldDatabaseThroughTheMissingSteps) {
+  const test::TemporaryFolder folder;
+  const std::vector<std::string_view> steps = {"CREATE TABLE a(x INTEGER)",
+                                               "ALTER TABLE a ADD COLUMN y INTEGER DEFAULT 4"};
+  auto database = Database::Open(folder / "m.db", Database::Access::kReadWrite);
+  ASSERT_TRUE(database.ok());
+  ASSERT_TRUE(Migrate(*database, {steps.data(), 1}).ok());
+  ASSERT_TRUE(database->Execute("INSERT INTO a VALUES (1)").ok());
+  ASSERT_TRUE(Migrate(*database, steps).ok());
+  ASSERT_TRUE(Migrate(*database, steps).ok()) << "nothing to do";
+  EXPECT_EQ(database->Number("SELECT x + y FROM a").value(), 5);
+  EXPECT_EQ(database->Number("PRAGMA user_version").value(), 2);
+
+  const std::vector<std::string_view> broken = {steps[0], steps[1],
+                                                "CREATE TABLE b(z); INSERT INTO nowhere VALUES(1)"};
+  EXPECT_FALSE(Migrate(*database, broken).ok());
+  EXPECT_EQ(database->Number("PRAGMA user_version").value(), 2);
+  EXPECT_EQ(database->Number("SELECT count(*) FROM sqlite_schema WHERE name = 'b'").value(), 0);
+}
+
+TEST(StoreSchema, RefusesADamagedFileAndSaysWhatToDo) {
+  DaemonState state;
+  for (int i = 0; i < 20; ++i) {
+    const std::string id = "x" + std::to_string(i);
+    WriteTinyFrameSet(state.store().CaptureFolder(id), "2026-01-01T00:00:00Z", 20);
+    ASSERT_TRUE(RecordCapture(state.store(), id, std::nullopt).ok());
+  }
+  state.Close();
+  const fs::path file = state.folder() / "rotunda.db";
+  const std::string whole = ReadFile(file).value();
+  for (const size_t from : {size_t{0}, whole.size() / 2}) {
+    std::string damaged = whole;
+    for (size_t i = from; i < from + 9000 && i < damaged.size(); ++i) damaged[i] ^= 0x5A;
+    std::ofstream(file, std::ios::binary | std::ios::trunc) << damaged;
+    const auto opened = state.TryOpen();
+    ASSERT_FALSE(opened.ok()) << "damaged from byte " << from;
+    EXPECT_NE(opened.error().message.find("is damaged"), std::string::npos)
+        << opened.error().ToString();
+    EXPECT_NE(opened.error().message.find("backup"), std::string::npos);
+    EXPECT_EQ(ReadFile(file).value(), damaged) << "must be left as it is";
+  }
+  // What the message says to do.
+  fs::rename(file, state.folder() / "away.db");
+  EXPECT_EQ(state.Reopen().recovery().adopted.size(), 20u);
+}
+
+TEST(Store, MakesABackupWhileItIsUsed) {
+  DaemonState state;
+  WriteTinyFrameSet(state.store().CaptureFolder("a"), "2026-01-01T00:00:00Z");
+  ASSERT_TRUE(RecordCapture(state.store(), "a", std::nullopt).ok());
+  const fs::path copy = state.folder() / "copy.db";
+  ASSERT_TRUE(BackUpStore(state.folder(), copy).ok());
+  EXPECT_EQ(BackUpStore(state.folder(), copy).error().code, ErrorCode::kAlreadyExists);
+  WriteTinyFrameSet(state.store().CaptureFolder("b"), "2026-01-01T00:00:01Z");
+  ASSERT_TRUE(RecordCapture(state.store(), "b", std::nullopt).ok());
+
+  auto database = Database::Open(copy, Database::Access::kReadWrite);
+  ASSERT_TRUE(database.ok());
+  EXPECT_EQ(database->Number("SELECT count(*) FROM captures").value(), 1);
+  EXPECT_EQ(database->Number("SELECT count(*) FROM frames").value(), 2);
+  EXPECT_EQ(BackUpStore(state.folder() / "nothing", state.folder() / "b.db").error().code,
+            ErrorCode::kNotFound);
+
+  // Put in the database's place it is a database; what came after it is found on the disk.
+  state.Close();
+  for (const char* name : {"rotunda.db", "rotunda.db-wal", "rotunda.db-shm"}) {
+    fs::remove(state.folder() / name);
+  }
+  fs::rename(copy, state.folder() / "rotunda.db");
+  EXPECT_EQ(state.Reopen().recovery().adopted, std::vector<std::string>{"captures/b"});
+}
+
+TEST(StoreEvents, ComeInOrderAndCanBeResumed) {
+  DaemonState state;
+  std::vector<EventRecord> heard;
+  auto subscription =
+      state.hub().Subscribe([&](const EventRecord& event) { heard.push_back(event); });
+  for (int i = 0; i < 3; ++i) {
+    const std::string id = "x" + std::to_string(i);
+    WriteTinyFrameSet(state.store().CaptureFolder(id), "2026-01-01T00:00:00Z");
+    ASSERT_TRUE(RecordCapture(state.store(), id, std::nullopt).ok());
+  }
+  subscription.reset();
+  ASSERT_TRUE(AddJob(state.store(), {JobKind::kCapture, "{}", ""}).ok());
+  ASSERT_EQ(heard.size(), 3u) << "the fourth came after the subscription's end";
+  EXPECT_EQ(heard[1].kind, "capture_stored");
+  EXPECT_EQ(heard[1].about, "x1");
+
+  state.Reopen();
+  const auto missed = ListEvents(state.store(), heard[1].number, 100);
+  ASSERT_TRUE(missed.ok());
+  ASSERT_EQ(missed->size(), 2u);
+  EXPECT_EQ((*missed)[0].number, heard[2].number);
+  EXPECT_EQ((*missed)[0].data, heard[2].data);
+  EXPECT_EQ((*missed)[1].kind, "job_queued");
+  EXPECT_EQ(LastEventNumber(state.store()).value(), (*missed)[1].number);
+}
+
+TEST(Store, PagesThroughTwoThousandCaptures) {
+  constexpr int kCaptures = 2000, kFrames = 90;
+  DaemonState state;
+  ASSERT_TRUE(state.store()
+                  .Write([&](Database& database, auto&) {
+                    return database.Execute(
+                        "WITH RECURSIVE n(i) AS (SELECT 0 UNION ALL SELECT i + 1 FROM n "
+                        "WHERE i + 1 < " +
+                        std::to_string(kCaptures) +
+                        ") "
+                        "INSERT INTO captures (id, captured_at, ok_frames, frames) "
+                        "SELECT printf('x%04d', i), printf('2026-01-01T%02d:%02d:00.000Z', "
+                        "i / 60 / 2, i / 2 % 60), 90, 90 FROM n;"
+                        "WITH RECURSIVE n(i) AS (SELECT 0 UNION ALL SELECT i + 1 FROM n "
+                        "WHERE i + 1 < " +
+                        std::to_string(kFrames) +
+                        ") "
+                        "INSERT INTO frames SELECT id, printf('c%02d', i), '', 'f', 'ok', "
+                        "'0123456789abcdef', 1200, 1600 FROM captures, n");
+                  })
+                  .ok());
+  std::set<std::string> seen;
+  std::string last = "x9999", after;
+  do {
+    const auto page = ListCaptures(state.store(), {300, after});
+    ASSERT_TRUE(page.ok());
+    for (const CaptureRecord& capture : page->items) {
+      EXPECT_LT(capture.id, last) << "newest first";
+      last = capture.id;
+      seen.insert(capture.id);
+    }
+    after = page->next;
+  } while (!after.empty());
+  EXPECT_EQ(seen.size(), size_t{kCaptures});
+  EXPECT_EQ(ListFrames(state.store(), "x1234")->size(), size_t{kFrames});
+}
+
+}  // namespace
+}  // namespace rotunda::daemon

@@ -1,0 +1,483 @@
+// The daemon from its start to its end with no hardware: simulated cameras of another process, and
+// nothing else than curl to talk to it.
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "sfm/core/frame_set.h"
+#include "tests/support/background_process.h"
+#include "tests/support/process.h"
+
+namespace rotunda {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+using std::chrono::milliseconds;
+using test::BackgroundProcess;
+using test::NotifySocket;
+using test::ProcessOutcome;
+using test::RunProcess;
+
+// Nothing here takes nearly so long unless it hangs.
+constexpr auto kPatience = milliseconds(300000);
+constexpr char kBlock[] = "127.42.9";
+// With fewer cameras than this neighbours no longer overlap.
+constexpr int kCameras = 30;
+constexpr int kShots = 3;
+
+bool WaitUntil(const std::function<bool()>& condition) {
+  const auto deadline = std::chrono::steady_clock::now() + kPatience;
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() > deadline) return false;
+    std::this_thread::sleep_for(milliseconds(50));
+  }
+  return true;
+}
+
+/// A folder with the daemon's configuration, its state and its sockets; starts and stops it.
+class Daemon {
+ public:
+  /// `cameras`: [cameras] and what else capture.toml has.
+  Daemon(const std::string& cameras, const std::string& more_config) {
+    std::ofstream(folder_ / "capture.toml") << cameras;
+    std::ofstream(folder_ / "rotundad.toml")
+        << "[service]\nsocket = \"" << Socket().string() << "\"\nstate_folder = \""
+        << State().string() << "\"\n[devices]\nboard = \"" << ROTUNDA_SOURCE_DIR
+        << "/config/cuboid.toml\"\nsimulated_socket = \"" << CameraSocket().string()
+        << "\"\n[storage]\nreserve_mb = 10\n"
+        << more_config;
+    listening_ = test::ListenAsSystemd(Socket());
+    notify_ = std::make_unique<NotifySocket>(folder_ / "notify");
+  }
+  ~Daemon() { close(listening_); }
+
+  fs::path Socket() const { return folder_ / "api.sock"; }
+  fs::path State() const { return folder_ / "state"; }
+  fs::path CameraSocket() const { return folder_ / "cameras.sock"; }
+  fs::path operator/(const std::string& name) const { return folder_ / name; }
+  NotifySocket& notify() { return *notify_; }
+  BackgroundProcess& process() { return *process_; }
+
+  void Start() {
+    process_ = std::make_unique<BackgroundProcess>(BackgroundProcess::Options{
+        {ROTUNDA_DAEMON, "--config", folder_ / "rotundad.toml"},
+        {{"NOTIFY_SOCKET", folder_ / "notify"}, {"WATCHDOG_USEC", "600000"}},
+        listening_,
+        folder_ / "log"});
+  }
+
+  /// `curl -s --unix-socket SOCKET ARGUMENTS http://localhost/PATH`.
+  ProcessOutcome Curl(const std::string& path, std::vector<std::string> arguments = {}) const {
+    std::vector<std::string> command = {"curl", "-s", "--unix-socket", Socket()};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    command.push_back("http://localhost" + path);
+    return RunProcess(command);
+  }
+  Json Get(const std::string& path) const { return Json::parse(Curl(path).output); }
+  Json Post(const std::string& path, const std::string& body = "",
+            std::vector<std::string> more = {}) const {
+    more.insert(more.end(), {"-X", "POST"});
+    if (!body.empty()) more.insert(more.end(), {"-d", body});
+    return Json::parse(Curl(path, more).output);
+  }
+  /// The job when it has ended.
+  Json Ended(const Json& job) const {
+    const std::string path = "/v1/jobs/" + job.at("id").dump();
+    Json now;
+    EXPECT_TRUE(WaitUntil([&] {
+      now = Get(path);
+      return now["state"] != "queued" && now["state"] != "running";
+    })) << now.dump(1);
+    return now;
+  }
+  std::string Log() const {
+    std::ifstream log(folder_ / "log");
+    return std::string(std::istreambuf_iterator<char>(log), {});
+  }
+
+ private:
+  test::TemporaryFolder folder_;
+  int listening_ = -1;
+  std::unique_ptr<NotifySocket> notify_;
+  std::unique_ptr<BackgroundProcess> process_;
+};
+
+std::string CaptureToml(const FrameSet& set) {
+  std::string text = "[capture]\nwidth_px = 0\nheight_px = 0\npixel_format = \"" +
+                     set.frames.front().pixel_format + "\"\n[uplinks.u]\n";
+  for (size_t i = 0; i < set.frames.size(); ++i) {
+    text += "[cameras." + set.frames[i].camera + "]\nserial = \"" + set.frames[i].serial +
+            "\"\naddress = \"" + kBlock + "." + std::to_string(i + 1) + "\"\n";
+  }
+  return text;
+}
+
+/// What the simulated cameras see: shots 0 to kShots - 1 the target, shot kShots a person.
+class DaemonSystem : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = std::make_unique<test::TemporaryFolder>();
+    const std::vector<std::string> common = {
+        "--cameras", std::to_string(kCameras), "--scale", "0.35", "--seed", "1"};
+    Simulate(*folder_ / "target", {"--target", "cuboid", "--placements", std::to_string(kShots)},
+             common);
+    Simulate(*folder_ / "person", {}, common);
+    const auto set = ReadFrameSet(*folder_ / "person");
+    ASSERT_TRUE(set) << set.error().ToString();
+    daemon_ = std::make_unique<Daemon>(CaptureToml(*set), "[http]\nheartbeat_ms = 200\n");
+    StartCameras();
+  }
+  static void TearDownTestSuite() {
+    daemon_.reset();
+    cameras_.reset();
+    folder_.reset();
+  }
+
+  static void Simulate(const fs::path& out, std::vector<std::string> what,
+                       const std::vector<std::string>& common) {
+    what.insert(what.begin(), {ROTUNDA_COMMAND, "simulate", out});
+    what.insert(what.end(), common.begin(), common.end());
+    const ProcessOutcome outcome = RunProcess(what);
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
+  }
+  static void StartCameras() {
+    BackgroundProcess::Options options;
+    options.arguments = {ROTUNDA_COMMAND, "simulate", "--serve"};
+    for (int i = 0; i < kShots; ++i) {
+      options.arguments.push_back(*folder_ / "target" / ("placement_0" + std::to_string(i)));
+    }
+    options.arguments.insert(
+        options.arguments.end(),
+        {*folder_ / "person", "--hold", "--block", kBlock, "--socket", daemon_->CameraSocket()});
+    options.output = *daemon_ / "cameras.log";
+    cameras_ = std::make_unique<BackgroundProcess>(options);
+    ASSERT_TRUE(WaitUntil([] { return SendToCameras({"list"}) == 0; })) << cameras_->Output();
+  }
+  static int SendToCameras(std::vector<std::string> words) {
+    words.insert(words.begin(),
+                 {ROTUNDA_COMMAND, "simulate", "--socket", daemon_->CameraSocket(), "--send"});
+    return RunProcess(words).exit_code;
+  }
+
+  static inline std::unique_ptr<test::TemporaryFolder> folder_;
+  static inline std::unique_ptr<Daemon> daemon_;
+  static inline std::unique_ptr<BackgroundProcess> cameras_;
+
+  // One after the other.
+  void Start();
+  void CalibrateFromTheTarget();
+  void CapturePerson();
+  void LookAtPicturesAndPoses();
+  void LookAtReportAndExports();
+  void LookAtDrift();
+  void LookAtEvents();
+  void UseTheCommands();
+  void BackUp();
+  void ReloadStopAndStartAgain();
+
+  std::unique_ptr<BackgroundProcess> events_;   // curl on the event stream
+  std::string calibration_, capture_, newest_;  // ids
+};
+
+/// Kinds of the events in a stream, one after the other, without progress.
+std::vector<std::string> KindsIn(const std::string& stream) {
+  std::vector<std::string> kinds;
+  for (size_t at = stream.find("event: "); at != std::string::npos;
+       at = stream.find("event: ", at + 1)) {
+    const std::string kind = stream.substr(at + 7, stream.find('\n', at) - at - 7);
+    if (kind != "job_progress") kinds.push_back(kind);
+  }
+  return kinds;
+}
+
+/// A client connects before the daemon is there: the socket is systemd's.
+void DaemonSystem::Start() {
+  Daemon& daemon = *daemon_;
+  events_ = std::make_unique<BackgroundProcess>(BackgroundProcess::Options{
+      {"curl", "-sN", "--unix-socket", daemon.Socket(), "http://localhost/v1/events?after=0"},
+      {},
+      std::nullopt,
+      daemon / "events"});
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  ASSERT_TRUE(daemon.notify().WaitFor("WATCHDOG=1", kPatience)) << daemon.Log();
+  ASSERT_TRUE(WaitUntil([&] { return daemon.Get("/v1/status")["cameras"]["ready"] == kCameras; }))
+      << daemon.Curl("/v1/cameras").output;
+}
+
+/// Nothing is in force before it is activated.
+void DaemonSystem::CalibrateFromTheTarget() {
+  Daemon& daemon = *daemon_;
+  std::vector<std::string> captures;
+  for (int i = 0; i < kShots; ++i) {
+    ASSERT_EQ(SendToCameras({"shot", std::to_string(i)}), 0);
+    const Json job =
+        daemon.Ended(daemon.Post("/v1/captures", R"({"subject":"target","reconstruct":false})"));
+    ASSERT_EQ(job["state"], "done") << job.dump(1) << daemon.Log();
+    ASSERT_EQ(job["result"]["complete"], true) << job.dump(1);
+    captures.push_back(job["result"]["capture"]);
+  }
+  const Json calibrated =
+      daemon.Ended(daemon.Post("/v1/calibrations", Json({{"captures", captures}}).dump()));
+  ASSERT_EQ(calibrated["state"], "done") << calibrated.dump(1) << daemon.Log();
+  EXPECT_EQ(calibrated["result"]["calibrated"], kCameras);
+  calibration_ = calibrated["result"]["calibration"];
+  EXPECT_FALSE(daemon.Get("/v1/status").contains("calibration")) << "not before it is activated";
+  EXPECT_EQ(daemon.Post("/v1/calibrations/" + calibration_ + "/activate")["active"], true);
+  EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration_);
+}
+
+/// The same request twice is one shot; a reconstruction follows by itself.
+void DaemonSystem::CapturePerson() {
+  Daemon& daemon = *daemon_;
+  ASSERT_EQ(SendToCameras({"shot", std::to_string(kShots)}), 0);
+  const std::vector<std::string> key = {"-H", "Idempotency-Key: person-1"};
+  const Json first = daemon.Post("/v1/captures", R"({"subject":"person"})", key);
+  const Json second = daemon.Post("/v1/captures", R"({"subject":"person"})", key);
+  EXPECT_EQ(first.at("id"), second.at("id"));
+  const Json shot = daemon.Ended(first);
+  ASSERT_EQ(shot["state"], "done") << shot.dump(1) << daemon.Log();
+  capture_ = shot["result"]["capture"];
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"].size(), kShots + 1u);
+  ASSERT_TRUE(WaitUntil([&] {
+    return daemon.Get("/v1/captures/" + capture_).contains("reconstruction");
+  })) << daemon.Curl("/v1/jobs").output;
+  const Json seen = daemon.Get("/v1/captures/" + capture_);
+  EXPECT_EQ(seen["subject"], "person");
+  EXPECT_EQ(seen["calibration"], calibration_);
+  EXPECT_EQ(seen["verdict"], "sure");
+}
+
+/// The poses are those of the truth.
+void DaemonSystem::LookAtPicturesAndPoses() {
+  Daemon& daemon = *daemon_;
+  const std::string in_capture = "/v1/captures/" + capture_;
+  const std::string camera = daemon.Get(in_capture)["frames"][0]["camera"];
+  const fs::path poses = daemon / "poses.json", picture = daemon / "frame.png";
+  EXPECT_EQ(daemon.Curl(in_capture + "/poses", {"-f", "-o", poses}).exit_code, 0);
+  EXPECT_EQ(daemon.Curl(in_capture + "/frames/" + camera + ".png", {"-f", "-o", picture}).exit_code,
+            0);
+  EXPECT_GT(fs::file_size(picture), 1000u);
+  const ProcessOutcome errors = RunProcess({ROTUNDA_COMMAND, "evaluate", poses, "--truth",
+                                            *folder_ / "person" / "truth.json", "--json"});
+  ASSERT_EQ(errors.exit_code, 0) << errors.errors;
+  EXPECT_EQ(Json::parse(errors.output)["registered"], kCameras) << errors.output;
+  // A pixel of these small pictures is 2.5 mm at the body, and features are good to a fifth of one:
+  // the reconstruction's own sigma is 1.4 mm.
+  EXPECT_LT(Json::parse(errors.output)["mean_position_mm"], 2.0) << errors.output;
+}
+
+void DaemonSystem::LookAtReportAndExports() {
+  Daemon& daemon = *daemon_;
+  const std::string in_capture = "/v1/captures/" + capture_;
+  EXPECT_NE(daemon.Curl(in_capture + "/report").output.find("</html>"), std::string::npos);
+  for (const std::string format : {"colmap", "colmap-text", "ply"}) {
+    const fs::path file = daemon / format;
+    ASSERT_EQ(daemon.Curl(in_capture + "/export?format=" + format, {"-f", "-o", file}).exit_code,
+              0);
+    if (format == "ply") continue;
+    const ProcessOutcome list = RunProcess({"tar", "-tf", file});
+    EXPECT_EQ(list.exit_code, 0) << list.errors;
+    EXPECT_NE(list.output.find(format == "colmap" ? "images.bin" : "images.txt"), std::string::npos)
+        << list.output;
+  }
+}
+
+/// Nothing has moved.
+void DaemonSystem::LookAtDrift() {
+  Daemon& daemon = *daemon_;
+  const Json drift = daemon.Get("/v1/drift");
+  EXPECT_EQ(drift["calibration"], calibration_);
+  ASSERT_EQ(drift["cameras"].size(), static_cast<size_t>(kCameras)) << drift.dump(1);
+  for (const Json& each : drift["cameras"]) EXPECT_EQ(each["moved"], false) << each.dump();
+  EXPECT_EQ(
+      daemon.Get("/v1/drift?camera=" + drift["cameras"][0]["camera"].get<std::string>())["items"]
+          .size(),
+      1u);
+}
+
+/// What the stream said, and what one says that begins in the middle.
+void DaemonSystem::LookAtEvents() {
+  Daemon& daemon = *daemon_;
+  const std::vector<std::string> told = {"capture_stored", "calibration_stored",
+                                         "calibration_activated", "reconstruction_stored"};
+  ASSERT_TRUE(WaitUntil([&] {
+    return events_->Output().find("event: reconstruction_stored") != std::string::npos;
+  })) << events_->Output();
+  size_t at = 0;
+  const std::vector<std::string> kinds = KindsIn(events_->Output());
+  for (const std::string& kind : kinds) at += at < told.size() && kind == told[at];
+  EXPECT_EQ(at, told.size()) << events_->Output();
+  const size_t activated = events_->Output().find("event: calibration_activated");
+  const size_t id = events_->Output().rfind("id: ", activated);
+  const std::string last_id =
+      events_->Output().substr(id + 4, events_->Output().find('\n', id) - id - 4);
+  const ProcessOutcome resumed =
+      daemon.Curl("/v1/events", {"-N", "--max-time", "1", "-H", "Last-Event-ID: " + last_id});
+  EXPECT_EQ(resumed.output.find("calibration_activated"), std::string::npos);
+  EXPECT_NE(resumed.output.find("reconstruction_stored"), std::string::npos) << resumed.output;
+  EXPECT_NE(resumed.output.find(": nothing new"), std::string::npos) << "a sign of life";
+}
+
+/// The commands show the same.
+void DaemonSystem::UseTheCommands() {
+  Daemon& daemon = *daemon_;
+  const auto command = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), ROTUNDA_COMMAND);
+    words.insert(words.end(), {"--socket", daemon.Socket()});
+    return words;
+  };
+  for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
+           {"captures"}, {"captures", capture_}, {"jobs"}, {"status"}}) {
+    const ProcessOutcome shown = RunProcess(command(words));
+    EXPECT_EQ(shown.exit_code, 0) << shown.errors;
+    EXPECT_NE(shown.output.find(capture_), std::string::npos) << words[0] << shown.output;
+  }
+  const ProcessOutcome in_force = RunProcess(command({"calibrations", calibration_, "--json"}));
+  EXPECT_EQ(Json::parse(in_force.output)["active"], true) << in_force.errors;
+  EXPECT_EQ(RunProcess(command({"cameras"})).exit_code, 0);
+  const ProcessOutcome none = RunProcess(command({"captures", "none"}));
+  EXPECT_EQ(none.exit_code, 1);
+  EXPECT_EQ(std::count(none.errors.begin(), none.errors.end(), '\n'), 1) << none.errors;
+  BackgroundProcess followed(
+      {command({"events", "--after", "0"}), {}, std::nullopt, daemon / "followed"});
+  EXPECT_TRUE(WaitUntil([&] {
+    return followed.Output().find("reconstruction_stored") != std::string::npos;
+  })) << followed.Output();
+  followed.Signal(SIGINT);
+  EXPECT_EQ(followed.Wait(), 0) << followed.Output();
+  const ProcessOutcome by_command =
+      RunProcess(command({"capture", "--subject", "second", "--no-reconstruct", "--json"}));
+  ASSERT_EQ(by_command.exit_code, 0) << by_command.errors;
+  newest_ = Json::parse(by_command.output)["capture"];
+}
+
+/// A copy of the database, made beside the daemon.
+void DaemonSystem::BackUp() {
+  Daemon& daemon = *daemon_;
+  const fs::path copy = daemon / "copy.db";
+  const std::vector<std::string> back_up = {ROTUNDA_DAEMON, "--config", daemon / "rotundad.toml",
+                                            "--backup", copy};
+  EXPECT_EQ(RunProcess(back_up).exit_code, 0);
+  EXPECT_TRUE(fs::exists(copy));
+  EXPECT_EQ(RunProcess(back_up).exit_code, 1) << "it is there already";
+}
+
+/// Nothing is forgotten.
+void DaemonSystem::ReloadStopAndStartAgain() {
+  Daemon& daemon = *daemon_;
+  daemon.process().Signal(SIGHUP);
+  EXPECT_TRUE(daemon.notify().WaitFor("RELOADING=1", kPatience));
+  EXPECT_TRUE(daemon.notify().WaitFor("READY=1", kPatience));
+  daemon.process().Signal(SIGTERM);
+  EXPECT_TRUE(daemon.notify().WaitFor("STOPPING=1", kPatience));
+  EXPECT_EQ(daemon.process().Wait(), 0) << daemon.Log();
+  EXPECT_EQ(events_->Wait(), 0) << "the stream ended as a stream should";
+  daemon.Start();
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], newest_);
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][1]["id"], capture_);
+  EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration_);
+}
+
+TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  ASSERT_NO_FATAL_FAILURE(CalibrateFromTheTarget());
+  ASSERT_NO_FATAL_FAILURE(CapturePerson());
+  ASSERT_NO_FATAL_FAILURE(LookAtPicturesAndPoses());
+  ASSERT_NO_FATAL_FAILURE(LookAtReportAndExports());
+  ASSERT_NO_FATAL_FAILURE(LookAtDrift());
+  ASSERT_NO_FATAL_FAILURE(LookAtEvents());
+  ASSERT_NO_FATAL_FAILURE(UseTheCommands());
+  ASSERT_NO_FATAL_FAILURE(BackUp());
+  ASSERT_NO_FATAL_FAILURE(ReloadStopAndStartAgain());
+}
+
+/// A daemon whose only camera is not there; its captures are put into the state folder.
+std::string NoCameras() {
+  return "[uplinks.u]\n[cameras.c0]\nserial = \"NONE\"\naddress = \"127.42.10.1\"\n";
+}
+
+TEST(DaemonWatchdog, IsNotFedWhileAWorkerHangs) {
+  Daemon daemon(NoCameras(), "[jobs]\ncomputing_silence_s = 1\n");
+  const fs::path capture = daemon.State() / "captures" / "stuck";
+  fs::create_directories(capture / "frames");
+  FrameSet set;
+  set.id = "stuck";
+  set.captured_at = "2026-01-01T00:00:00Z";
+  for (const char* camera : {"c0", "c1"}) {
+    Frame& frame = set.frames.emplace_back();
+    frame.camera = camera;
+    frame.serial = camera;
+    frame.file = std::string("frames/") + camera + ".png";
+    frame.width_px = frame.height_px = 64;
+    frame.pixel_format = "Mono8";
+    std::ofstream(capture / frame.file) << "picture";
+  }
+  std::ofstream(capture / "frameset.json") << FrameSetToJson(set);
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  ASSERT_EQ(daemon.Get("/v1/captures")["items"].size(), 1u) << daemon.Log();
+  ASSERT_TRUE(daemon.notify().WaitFor("WATCHDOG=1", kPatience));
+  // A file without an end: whoever reads it hangs.
+  ASSERT_EQ(mkfifo((capture / "calibration.json").c_str(), 0600), 0);
+  const Json job = daemon.Post("/v1/captures/stuck/reconstructions");
+  ASSERT_TRUE(WaitUntil([&] { return daemon.Log().find("not fed") != std::string::npos; }));
+  daemon.notify().Messages();
+  EXPECT_FALSE(daemon.notify().WaitFor("WATCHDOG=1", milliseconds(2000)));
+  EXPECT_NE(daemon.Get("/v1/status")["problems"].dump().find("job"), std::string::npos);
+  // What systemd does then.
+  daemon.process().Signal(SIGABRT);
+  EXPECT_EQ(daemon.process().Wait(), 128 + SIGABRT);
+  daemon.Start();
+  EXPECT_EQ(daemon.Get("/v1/jobs/" + job.at("id").dump())["state"], "interrupted");
+  EXPECT_TRUE(daemon.notify().WaitFor("WATCHDOG=1", kPatience));
+}
+
+TEST(DaemonStart, SaysEverythingThatIsWrongAndEnds) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "bad.toml") << "[http]\nthreads = 0\ncolour = 1\n[food]\n";
+  for (const bool only_check : {true, false}) {
+    std::vector<std::string> command = {ROTUNDA_DAEMON, "--config", folder / "bad.toml"};
+    if (only_check) command.push_back("--check-config");
+    const ProcessOutcome outcome = RunProcess(command);
+    EXPECT_EQ(outcome.exit_code, 1);
+    for (const char* part : {"bad.toml:2: http.threads", "bad.toml:3: http.colour",
+                             "bad.toml:4: food", "capture.toml"}) {
+      EXPECT_NE(outcome.errors.find(part), std::string::npos) << part << "\n" << outcome.errors;
+    }
+  }
+  EXPECT_EQ(RunProcess({ROTUNDA_DAEMON, "--colour"}).exit_code, 2);
+  EXPECT_EQ(RunProcess({ROTUNDA_DAEMON, "--help"}).exit_code, 0);
+  const ProcessOutcome shipped =
+      RunProcess({ROTUNDA_DAEMON, "--check-config", "--config",
+                  std::string(ROTUNDA_SOURCE_DIR) + "/config/rotundad.toml"});
+  EXPECT_EQ(shipped.exit_code, 0) << shipped.errors;
+}
+
+TEST(ClientCommands, SayWhatToDoWithoutADaemon) {
+  const test::TemporaryFolder folder;
+  for (const char* command :
+       {"status", "jobs", "captures", "calibrations", "events", "cameras", "capture"}) {
+    const ProcessOutcome outcome =
+        RunProcess({ROTUNDA_COMMAND, command, "--socket", folder / "none"});
+    EXPECT_EQ(outcome.exit_code, 1) << command;
+    EXPECT_NE(outcome.errors.find("no daemon serves there"), std::string::npos) << outcome.errors;
+  }
+}
+
+}  // namespace
+}  // namespace rotunda

@@ -1,0 +1,91 @@
+// What systemd itself says of the units.
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "tests/support/process.h"
+
+namespace rotunda {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path Units() { return fs::path(ROTUNDA_SOURCE_DIR) / "systemd"; }
+
+std::string Read(const fs::path& file) {
+  std::ostringstream text;
+  text << std::ifstream(file).rdbuf();
+  return text.str();
+}
+
+/// The unit as it is installed, but with the daemon that was built.
+std::string InstalledUnit() {
+  std::string text = Read(Units() / "rotunda.service.in");
+  const std::vector<std::pair<std::string, std::string>> values = {
+      {"@prefix@/sbin/rotundad", ROTUNDA_DAEMON},
+      {"@prefix@", "/usr"},
+      {"@config_dir@", "/etc/rotunda"}};
+  for (const auto& [name, value] : values) {
+    for (size_t at; (at = text.find(name)) != std::string::npos;) {
+      text.replace(at, name.size(), value);
+    }
+  }
+  return text;
+}
+
+class SystemdUnits : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (test::RunProcess({"systemd-analyze", "--version"}).exit_code != 0) {
+      GTEST_SKIP() << "there is no systemd-analyze here";
+    }
+    ASSERT_EQ(InstalledUnit().find("@prefix@"), std::string::npos);
+    std::ofstream(folder_ / "rotunda.service") << InstalledUnit();
+    fs::copy_file(Units() / "rotunda.socket", folder_ / "rotunda.socket");
+  }
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(SystemdUnits, HaveNoKeyThatSystemdDoesNotKnow) {
+  const auto verify = test::RunProcess(
+      {"systemd-analyze", "verify", folder_ / "rotunda.service", folder_ / "rotunda.socket"});
+  EXPECT_EQ(verify.exit_code, 0);
+  EXPECT_EQ(verify.errors, "") << "it exits with 0 also when it does not know a key";
+}
+
+TEST_F(SystemdUnits, AreHardened) {
+  // In tenths of systemd's scale from 0 to 10.
+  const auto security =
+      test::RunProcess({"systemd-analyze", "security", "--offline=true", "--threshold=20",
+                        "--no-pager", folder_ / "rotunda.service"});
+  EXPECT_EQ(security.exit_code, 0) << security.output;
+  EXPECT_NE(security.output.find("Overall exposure level"), std::string::npos) << security.output;
+}
+
+TEST_F(SystemdUnits, MakeTheUsersAndFoldersThatTheyName) {
+  if (geteuid() != 0) GTEST_SKIP() << "systemd-sysusers --root needs root";
+  const fs::path root = folder_ / "root";
+  fs::create_directories(root / "etc");
+  const auto users = test::RunProcess(
+      {"systemd-sysusers", "--root=" + root.string(), Units() / "sysusers.d" / "rotunda.conf"});
+  ASSERT_EQ(users.exit_code, 0) << users.errors;
+  EXPECT_NE(Read(root / "etc" / "passwd").find("rotunda:"), std::string::npos);
+  const std::string groups = Read(root / "etc" / "group");
+  for (const char* group : {"rotunda:", "rotunda-operator:", "gpio:"}) {
+    EXPECT_NE(groups.find(group), std::string::npos) << groups;
+  }
+  const auto folders = test::RunProcess({"systemd-tmpfiles", "--create", "--root=" + root.string(),
+                                         Units() / "tmpfiles.d" / "rotunda.conf"});
+  EXPECT_EQ(folders.exit_code, 0) << folders.errors;
+  EXPECT_TRUE(fs::is_directory(root / "var" / "lib" / "rotunda"));
+}
+
+}  // namespace
+}  // namespace rotunda
