@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr auto kPollInterval = std::chrono::milliseconds(200);
+constexpr auto kJobPollInterval = std::chrono::milliseconds(200);
 
 /// What a list or one thing is asked with.
 struct QueryArguments {
@@ -129,7 +129,7 @@ Result<Json> FollowJob(const ApiClient& client, const Json& job, const CommonOpt
       const Json& at = (*now)["progress"];
       progress.Update(at["stage"].get<std::string>(), at["done"], at["total"]);
     }
-    std::this_thread::sleep_for(kPollInterval);
+    std::this_thread::sleep_for(kJobPollInterval);
   }
 }
 
