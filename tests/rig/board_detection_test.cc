@@ -376,6 +376,31 @@ TEST_F(RenderedCuboid, CornersInAMosaicAreFoundAsWellAsInGrey) {
   EXPECT_GE(n, 0.98 * demosaiced_n);
 }
 
+/// In half the size no marker can be read, or one or two: the colours are to be balanced over more
+/// of the board than the corners beside those.
+TEST_F(RenderedCuboid, SmallMarkersInAMosaicGiveCornersAsGoodAsOthers) {
+  Build(0);
+  for (const double focal_px : {725.0, 730.0, 735.0, 740.0, 760.0}) {
+    CalibratedCamera camera = UprightCamera(45, 3);
+    camera.intrinsics.params[0] = camera.intrinsics.params[1] = focal_px;
+    const cv::Mat mosaic = MosaicOf(Rgb(camera));
+    cv::Mat demosaiced;
+    cv::cvtColor(mosaic, demosaiced, cv::COLOR_BayerRGGB2GRAY);
+    const auto found = DetectBoardInMosaic(mosaic, demosaiced, options_.board, {});
+    ASSERT_TRUE(found) << found.error().ToString();
+    double squares = 0;
+    for (const BoardCorner& corner : found->corners) {
+      const auto truth = Truth(camera, corner.face, corner.corner).pixel.value();
+      squares += (corner.pixel - truth).squaredNorm();
+    }
+    const auto n = static_cast<double>(found->corners.size());
+    ASSERT_GT(n, 200) << focal_px;
+    std::printf("%.0f px: %.0f corners, RMS of an axis %.4f px\n", focal_px, n,
+                std::sqrt(squares / n / 2));
+    EXPECT_LT(std::sqrt(squares / n / 2), 0.007) << focal_px;
+  }
+}
+
 struct RealSet {
   const char* folder;
   const char* board;
