@@ -17,6 +17,8 @@ namespace fs = std::filesystem;
 
 constexpr int kAnyAmount = std::numeric_limits<int>::max();
 constexpr int kHour_ms = 3600 * 1000;
+// With the end of the jobs and the cameras, less than TimeoutStopSec of rotunda.service.
+constexpr int kMaxStop_ms = 20000;
 
 std::vector<Section> Sections(DaemonConfig& config) {
   DaemonConfig::Http& http = config.http;
@@ -64,7 +66,7 @@ struct Range {
 
 std::vector<Range> Ranges(const DaemonConfig& config) {
   const DaemonConfig::Http& http = config.http;
-  return {{"service.stop_ms", 1.0 * config.service.stop_ms, 100, kHour_ms},
+  return {{"service.stop_ms", 1.0 * config.service.stop_ms, 100, kMaxStop_ms},
           // A header must hold what curl and browsers send.
           {"http.header_bytes", 1.0 * http.header_bytes, 1024, 1 << 20},
           {"http.body_bytes", 1.0 * http.body_bytes, 1024, 1 << 26},
@@ -73,7 +75,8 @@ std::vector<Range> Ranges(const DaemonConfig& config) {
           {"http.request_ms", 1.0 * http.request_ms, 100, kHour_ms},
           {"http.write_ms", 1.0 * http.write_ms, 100, kHour_ms},
           {"http.heartbeat_ms", 1.0 * http.heartbeat_ms, 100, kHour_ms},
-          {"http.threads", 1.0 * http.threads, 1, 64},
+          // A preview and an export may hold one each; one more feeds the watchdog.
+          {"http.threads", 1.0 * http.threads, 3, 64},
           {"devices.ready_ms", 1.0 * config.devices.ready_ms, 0, kHour_ms},
           {"storage.keep_days", 1.0 * config.storage.keep_days, 0, 36500},
           {"storage.keep_count", 1.0 * config.storage.keep_count, 0, kAnyAmount},

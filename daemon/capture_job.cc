@@ -82,8 +82,8 @@ void WaitForCameras(rig::CaptureSession& session, milliseconds patience, JobCont
 }
 
 /// Waits for the disk. A set that cannot be written stays in memory until it can, or the job is
-/// stopped; one that is whole by then is kept. What the writer has set aside is tried again too:
-/// `out` is the store's own folder, and somebody may mend it.
+/// stopped; one that nothing is the matter with is written then all the same. What the writer has
+/// set aside is tried again too: `out` is the store's own folder, and somebody may mend it.
 Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
                                     const std::filesystem::path& out, JobContext& context) {
   std::stop_source at_once;
@@ -92,8 +92,9 @@ Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWr
     Result<rig::WrittenSet> written = writer.Wait(ticket, at_once.get_token());
     if (written) return written;
     const bool set_aside = written.error().code != ErrorCode::kCancelled;
-    if (context.stop.stop_requested()) break;
     const auto trouble = writer.trouble();
+    const bool in_trouble = set_aside || (trouble && trouble->out == out);
+    if (context.stop.stop_requested() && in_trouble) break;
     context.progress(trouble ? "waiting for the disk: " + trouble->error.ToString() : "writing", 0,
                      1);
     std::this_thread::sleep_for(set_aside ? kMendInterval : kPollInterval);
@@ -145,6 +146,19 @@ Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot
   return result;
 }
 
+/// RecordCapture, again and again while the disk refuses, until the job is stopped: the shot is
+/// taken, and the next start finds it on the disk.
+Result<CaptureRecord> RecordInTheEnd(Store& store, const std::string& id,
+                                     const std::optional<NewJob>& follow_up, JobContext& context) {
+  while (true) {
+    Result<CaptureRecord> capture = RecordCapture(store, id, follow_up);
+    if (capture || capture.error().code != ErrorCode::kIo) return capture;
+    if (context.stop.stop_requested()) return capture;
+    context.progress("waiting for the disk: " + capture.error().ToString(), 0, 1);
+    std::this_thread::sleep_for(kMendInterval);
+  }
+}
+
 /// What one capture job needs to know of the world.
 struct CaptureWork {
   Store& store;
@@ -188,7 +202,8 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
   }
   std::optional<NewJob> follow_up;
   if (request.reconstruct) follow_up = {JobKind::kReconstruction, ReconstructionBody(id), ""};
-  ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, RecordCapture(store, id, follow_up));
+  ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture,
+                           RecordInTheEnd(store, id, follow_up, context));
   return ResultOf(capture, shot).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 

@@ -21,24 +21,30 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxDays = 36500;
 
-/// The captures that every given rule names, oldest first. A job that has not ended names its
-/// captures by their ids in its body, or makes one.
+/// A job that has not ended names its captures by their ids in its body, or makes one.
+constexpr char kUnclaimed[] =
+    "NOT EXISTS (SELECT 1 FROM jobs WHERE state IN ('queued', 'running') AND "
+    "(product = c.id OR instr(body, '\"' || c.id || '\"') > 0)) ";
+
+/// The captures that every given rule names and no job needs, oldest first. Days are counted from
+/// the newest capture when the clock is ahead of it: one that is wrong must not take everything.
 Result<std::vector<std::string>> NamedByPolicy(Store& store, const RetentionPolicy& policy) {
   std::string query = "SELECT id FROM captures AS c WHERE 1 ";
   if (policy.keep_count) {
     query += "AND id NOT IN (SELECT id FROM captures ORDER BY captured_at DESC, id DESC LIMIT " +
              std::to_string(*policy.keep_count) + ") ";
   }
-  if (policy.keep_days) query += "AND captured_at < ?1 ";
-  query +=
-      "AND NOT EXISTS (SELECT 1 FROM jobs WHERE state IN ('queued', 'running') AND "
-      "(product = c.id OR instr(body, '\"' || c.id || '\"') > 0)) ORDER BY captured_at, id";
+  if (policy.keep_days) {
+    query +=
+        "AND captured_at < strftime('%Y-%m-%dT%H:%M:%fZ', "
+        "min(?1, (SELECT max(captured_at) FROM captures)), '-" +
+        std::to_string(*policy.keep_days) + " days') ";
+  }
+  query += "AND " + std::string(kUnclaimed) + "ORDER BY captured_at, id";
   std::vector<std::string> named;
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
     Statement row = database.Prepare(query);
-    if (policy.keep_days) {
-      row.Bind(TimeText(store.options().clock() - std::chrono::days(*policy.keep_days)));
-    }
+    if (policy.keep_days) row.Bind(store.Now());
     while (row.Step()) named.push_back(row.Text());
     return row.status();
   }));
@@ -57,18 +63,30 @@ Status RemoveFolder(const fs::path& folder) {
 }
 
 /// Rows first: a crash in between leaves folders, which are adopted and named by the policy again.
-/// The capture's folder last: without it its reconstructions could not be adopted.
-Status RemoveCapture(Store& store, const std::string& id) {
+/// The capture's folder last: without it its reconstructions could not be adopted. False: a job
+/// has claimed the capture since it was named, and it stays.
+Result<bool> RemoveCapture(Store& store, const std::string& id) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<ReconstructionRecord> reconstructions,
                            ListReconstructions(store, id));
-  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) {
-    events.push_back(MakeEvent("capture_removed", id, {{"reason", "retention policy"}}));
-    return database.Prepare("DELETE FROM captures WHERE id = ?").Bind(id).Run();
+  bool removed = false;
+  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
+    ROTUNDA_RETURN_IF_ERROR(
+        database.Prepare("DELETE FROM captures AS c WHERE id = ? AND " + std::string(kUnclaimed))
+            .Bind(id)
+            .Run());
+    ROTUNDA_ASSIGN_OR_RETURN(const int64_t rows, database.Number("SELECT changes()"));
+    removed = rows == 1;
+    if (removed) {
+      events.push_back(MakeEvent("capture_removed", id, {{"reason", "retention policy"}}));
+    }
+    return {};
   }));
+  if (!removed) return false;
   for (const ReconstructionRecord& reconstruction : reconstructions) {
     ROTUNDA_RETURN_IF_ERROR(RemoveFolder(store.ReconstructionFolder(reconstruction.id)));
   }
-  return RemoveFolder(store.CaptureFolder(id));
+  ROTUNDA_RETURN_IF_ERROR(RemoveFolder(store.CaptureFolder(id)));
+  return true;
 }
 
 }  // namespace
@@ -88,9 +106,13 @@ Status RetentionPolicy::Validate() const {
 Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy) {
   ROTUNDA_RETURN_IF_ERROR(policy.Validate());
   if (!policy.keep_count && !policy.keep_days) return std::vector<std::string>();
-  ROTUNDA_ASSIGN_OR_RETURN(std::vector<std::string> named, NamedByPolicy(store, policy));
-  for (const std::string& id : named) ROTUNDA_RETURN_IF_ERROR(RemoveCapture(store, id));
-  return named;
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<std::string> named, NamedByPolicy(store, policy));
+  std::vector<std::string> gone;
+  for (const std::string& id : named) {
+    ROTUNDA_ASSIGN_OR_RETURN(const bool removed, RemoveCapture(store, id));
+    if (removed) gone.push_back(id);
+  }
+  return gone;
 }
 
 Status CheckDiskReserve(const fs::path& folder, uint64_t reserve_bytes) {

@@ -15,7 +15,7 @@ namespace rotunda::daemon {
 /// it. Calibrations and the drift's history always stay.
 struct RetentionPolicy {
   std::optional<size_t> keep_count;  // the newest so many stay
-  std::optional<int> keep_days;      // what was taken within so many days stays
+  std::optional<int> keep_days;      // what was taken within so many days before the newest stays
   /// kInvalidArgument names the field: both are at least 1.
   Status Validate() const;
 };

@@ -97,6 +97,30 @@ bool IsStoreId(std::string_view id) {
                      [&](char c) { return is_alnum(c) || c == '-' || c == '_' || c == '.'; });
 }
 
+namespace {
+
+/// Undoes what was begun unless it was ended: also when a caller's function throws.
+class OpenTransaction {
+ public:
+  explicit OpenTransaction(Database& database) : database_(database) {}
+  ~OpenTransaction() {
+    if (open_) static_cast<void>(database_.Execute("ROLLBACK"));
+  }
+  OpenTransaction(const OpenTransaction&) = delete;
+  OpenTransaction& operator=(const OpenTransaction&) = delete;
+  Status Commit() {
+    Status status = database_.Execute("COMMIT");
+    open_ = !status.ok();
+    return status;
+  }
+
+ private:
+  Database& database_;
+  bool open_ = true;
+};
+
+}  // namespace
+
 struct Store::Connections {
   std::mutex writer_mutex, reader_mutex;
   std::optional<Database> writer, reader;
@@ -167,9 +191,8 @@ Status Store::Read(const Reading& reading) {
   const std::lock_guard lock(connections_->reader_mutex);
   Database& database = *connections_->reader;
   ROTUNDA_RETURN_IF_ERROR(database.Execute("BEGIN"));
-  Status status = reading(database);
-  static_cast<void>(database.Execute("COMMIT"));
-  return status;
+  const OpenTransaction transaction(database);
+  return reading(database);
 }
 
 Status Store::Write(const Writing& writing) {
@@ -177,13 +200,10 @@ Status Store::Write(const Writing& writing) {
   Database& database = *connections_->writer;
   std::vector<EventRecord> events;
   ROTUNDA_RETURN_IF_ERROR(database.Execute("BEGIN IMMEDIATE"));
-  Status status = writing(database, events);
-  if (status) status = AppendEvents(database, Now(), events);
-  if (status) status = database.Execute("COMMIT");
-  if (!status) {
-    static_cast<void>(database.Execute("ROLLBACK"));
-    return status;
-  }
+  OpenTransaction transaction(database);
+  ROTUNDA_RETURN_IF_ERROR(writing(database, events));
+  ROTUNDA_RETURN_IF_ERROR(AppendEvents(database, Now(), events));
+  ROTUNDA_RETURN_IF_ERROR(transaction.Commit());
   hub_.Publish(events);
   return {};
 }

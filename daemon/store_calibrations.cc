@@ -71,8 +71,10 @@ Result<std::string> FreeCalibrationId(Store& store, const std::string& wanted) {
     std::error_code failed;
     if (std::filesystem::exists(store.CalibrationFolder(id), failed)) continue;
     const Result<CalibrationRecord> known = FindCalibration(store, id);
-    if (!known && known.error().code == ErrorCode::kNotFound) return id;
-    if (!known) return known.error();
+    if (!known && known.error().code != ErrorCode::kNotFound) return known.error();
+    if (known) continue;
+    ROTUNDA_ASSIGN_OR_RETURN(const bool reserved, IsProductOfJob(store, id));
+    if (!reserved) return id;
   }
   return Error{ErrorCode::kAlreadyExists, "there are too many of this name", wanted};
 }

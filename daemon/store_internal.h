@@ -45,6 +45,9 @@ Result<Listing<T>> ReadListing(Statement& rows, size_t limit, ReadRow read_row, 
   return listing;
 }
 
+/// Whether a job has reserved the name for what it makes.
+Result<bool> IsProductOfJob(Store& store, const std::string& id);
+
 /// AddJob within a transaction.
 Result<JobRecord> AddJobRow(Database& database, const NewJob& job, const std::string& now,
                             std::vector<EventRecord>& events);

@@ -136,6 +136,16 @@ Result<JobRecord> AddJobRow(Database& database, const NewJob& job, const std::st
   return added;
 }
 
+Result<bool> IsProductOfJob(Store& store, const std::string& id) {
+  bool reserved = false;
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
+    Statement found = database.Prepare("SELECT 1 FROM jobs WHERE product = ?");
+    reserved = found.Bind(id).Step();
+    return found.status();
+  }));
+  return reserved;
+}
+
 Result<JobRecord> FindJob(Store& store, int64_t number) {
   Result<JobRecord> job = NotFound("job", std::to_string(number));
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {

@@ -217,8 +217,10 @@ Result<std::string> FreeReconstructionId(Store& store, const std::string& captur
     std::error_code failed;
     if (std::filesystem::exists(store.ReconstructionFolder(id), failed)) continue;
     const Result<ReconstructionRecord> known = FindReconstruction(store, id);
-    if (!known && known.error().code == ErrorCode::kNotFound) return id;
-    if (!known) return known.error();
+    if (!known && known.error().code != ErrorCode::kNotFound) return known.error();
+    if (known) continue;
+    ROTUNDA_ASSIGN_OR_RETURN(const bool reserved, IsProductOfJob(store, id));
+    if (!reserved) return id;
   }
   return Error{ErrorCode::kAlreadyExists, "there are too many reconstructions", capture};
 }

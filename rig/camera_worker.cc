@@ -370,8 +370,13 @@ std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
   auto block = std::make_shared<FrameBlock>(std::move(memory));
   auto promise = std::make_shared<std::promise<Result<CameraFrame>>>();
   std::future<Result<CameraFrame>> future = promise->get_future();
+  if (owes_preview_.exchange(true)) {
+    promise->set_value(Error{ErrorCode::kFailed, kSilent, setup_.place.camera});
+    return future;
+  }
   Post([this, block, promise] {
     if (!camera_) {
+      owes_preview_ = false;
       promise->set_value(Error{ErrorCode::kFailed, state().problem, setup_.place.camera});
       return;
     }
@@ -386,6 +391,7 @@ std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
     if (frame && !frame->complete) {
       frame = Error{ErrorCode::kFailed, frame->problem, setup_.place.camera};
     }
+    owes_preview_ = false;
     promise->set_value(std::move(frame));
     if (!disarmed) Lose(FindOut(disarmed.error()));
   });

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <deque>
 #include <functional>
@@ -101,7 +102,7 @@ class CameraWorker {
   void JoinPulse(std::shared_ptr<PulseTask> task, size_t index, FrameBlock memory, bool stay_armed);
   /// After the last pulse of a shot.
   void EndShot();
-  /// One frame by software trigger.
+  /// One frame by software trigger. kFailed at once when the camera still owes an earlier one.
   std::future<Result<CameraFrame>> Preview(FrameBlock memory);
 
  private:
@@ -162,6 +163,7 @@ class CameraWorker {
   mutable std::mutex mutex_;
   std::condition_variable posted_;
   std::deque<Job> jobs_;
+  std::atomic<bool> owes_preview_ = false;
   bool quit_ = false;
   CameraState state_;
   std::thread thread_;

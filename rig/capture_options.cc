@@ -10,6 +10,8 @@ namespace rotunda::rig {
 namespace {
 
 constexpr int kMaxCameras = 1000;
+// As long as a name in an address of the API may be.
+constexpr size_t kMaxNameLength = 100;
 
 Error Invalid(const std::string& key, const std::string& message) {
   return {ErrorCode::kInvalidArgument, message, key};
@@ -36,6 +38,21 @@ UplinkLoad LoadOf(const CaptureOptions& options, const std::string& name) {
   return load;
 }
 
+/// Names become files of a frame set and parts of addresses: what stays in its folder everywhere.
+Status CheckName(const std::string& name) {
+  const auto is_alnum = [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+  };
+  const auto is_allowed = [&](char c) { return is_alnum(c) || c == '-' || c == '_' || c == '.'; };
+  if (!name.empty() && name.size() <= kMaxNameLength && is_alnum(name.front()) &&
+      std::all_of(name.begin(), name.end(), is_allowed)) {
+    return {};
+  }
+  return Invalid("cameras", "\"" + name + "\" is no name, expected at most " +
+                                std::to_string(kMaxNameLength) +
+                                " letters, digits, '-', '_' and '.', a letter or digit first");
+}
+
 Status CheckCameras(const CaptureOptions& options) {
   if (options.cameras.empty()) return Invalid("cameras", "there is none");
   if (options.cameras.size() > kMaxCameras) {
@@ -44,6 +61,7 @@ Status CheckCameras(const CaptureOptions& options) {
   }
   std::map<std::string, std::string> owner;
   for (const CameraPlace& camera : options.cameras) {
+    ROTUNDA_RETURN_IF_ERROR(CheckName(camera.camera));
     const std::string key = "cameras." + camera.camera;
     if (camera.serial.empty() && camera.address.empty()) {
       return Invalid(key, "has neither serial nor address, expected at least one");

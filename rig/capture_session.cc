@@ -18,7 +18,6 @@ constexpr auto kReadyPollInterval = milliseconds(10);
 constexpr size_t kCodingReserve = 50;
 // How long a shot waits for the disk before it says that memory is full.
 constexpr auto kMemoryPatience = milliseconds(3000);
-constexpr auto kPreviewPatience = milliseconds(3000);
 // For a frame by software trigger: a camera is given 2 s to arm and 2 s to send.
 constexpr auto kPreviewTime = milliseconds(6000);
 // After the deadlines: settling, and finding out why a camera is silent (three probes).
@@ -36,6 +35,18 @@ Status CheckBuffers(const CaptureOptions& options, size_t payload_bytes) {
                   [](const CameraPlace& camera) { return camera.address.starts_with("127."); });
   return on_loopback ? Status() : CheckSocketBuffers(payload_bytes);
 }
+
+/// Counts while it lives.
+class Wanted {
+ public:
+  explicit Wanted(std::atomic<int>& count) : count_(count) { ++count_; }
+  ~Wanted() { --count_; }
+  Wanted(const Wanted&) = delete;
+  Wanted& operator=(const Wanted&) = delete;
+
+ private:
+  std::atomic<int>& count_;
+};
 
 }  // namespace
 
@@ -194,6 +205,7 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
 }
 
 Result<Shot> CaptureSession::Capture(std::stop_token stop) {
+  const Wanted wanted(shots_wanted_);
   const std::lock_guard lock(one_shot_);
   if (!devices_.trigger) return Error{ErrorCode::kInvalidArgument, "there is none", "trigger"};
   if (ReadyWorkers().empty()) {
@@ -217,11 +229,15 @@ Result<Shot> CaptureSession::Capture(std::stop_token stop) {
 }
 
 Result<CameraFrame> CaptureSession::Preview(const std::string& camera) {
-  const std::lock_guard lock(one_shot_);
+  const std::unique_lock lock(one_shot_, std::try_to_lock);
+  if (!lock || shots_wanted_ > 0) {
+    return Error{ErrorCode::kFailed,
+                 "the cameras are busy with a shot or another preview; try again", camera};
+  }
   ROTUNDA_RETURN_IF_ERROR(FitMemory());
   for (const auto& worker : workers_) {
     if (worker->place().camera != camera) continue;
-    std::vector<FrameBlock> block = memory_.Take(1, Clock::now() + kPreviewPatience);
+    std::vector<FrameBlock> block = memory_.Take(1, Clock::now());
     if (block.empty()) return Error{ErrorCode::kFailed, "frames wait for the disk", "memory"};
     std::future<Result<CameraFrame>> frame = worker->Preview(std::move(block.front()));
     // A camera that hangs must not keep the others from their shots.

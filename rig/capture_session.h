@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <map>
 #include <memory>
@@ -47,7 +48,8 @@ class CaptureSession {
   /// is lost, try again). kIo: the trigger line. kCancelled.
   Result<Shot> Capture(std::stop_token stop = {});
 
-  /// One camera's frame by software trigger, between shots. Its memory is the session's.
+  /// One camera's frame by software trigger, between shots. Its memory is the session's. Shots come
+  /// first: kFailed, at once, while one is taken or waits, or another preview is under way.
   Result<CameraFrame> Preview(const std::string& camera);
 
   /// In the order of the configuration.
@@ -72,6 +74,7 @@ class CaptureSession {
   const Devices devices_;
   std::unique_ptr<Locator> locator_;
   std::mutex one_shot_;
+  std::atomic<int> shots_wanted_ = 0;  // taken or waiting for `one_shot_`
   FrameMemory memory_;
   std::vector<std::unique_ptr<CameraWorker>> workers_;
 };

@@ -105,6 +105,18 @@ INSTANTIATE_TEST_SUITE_P(
                     BadText{"[cameras.x]\nserial = \"S9\"\nuplink = \"v\"\n",
                             "my.toml:3: cameras.x.uplink", "is \"v\", which is not in [uplinks]"}));
 
+TEST(CaptureConfig, NamesThatCouldLeaveTheirFolderAreRefused) {
+  for (const char* name : {"..", ".x", "a/b", "a b", "", "\u00e4"}) {
+    const auto options = ParseCaptureOptions(
+        std::string(kOneCamera) + "[cameras.\"" + name + "\"]\nserial = \"S9\"\nuplink = \"u\"\n",
+        "f");
+    ASSERT_FALSE(options) << name;
+    EXPECT_NE(options.error().message.find("is no name, expected at most 100 letters"),
+              std::string::npos)
+        << options.error().message;
+  }
+}
+
 TEST(CaptureConfig, NoTwoCamerasShareASerial) {
   const auto options =
       ParseCaptureOptions(std::string(kOneCamera) + "[cameras.c1]\nserial = \"S1\"\n", "f");

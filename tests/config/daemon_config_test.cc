@@ -56,7 +56,7 @@ TEST(DaemonConfig, EverythingThatIsWrongIsNamedWithItsLine) {
                 "connections, streams, request_ms, write_ms, heartbeat_ms, threads",
                 "x.toml:10: food: is not known; allowed are the tables service, access, http, "
                 "devices, storage, drift, jobs",
-                "x.toml:6: http.threads: is 0, expected 1 to 64",
+                "x.toml:6: http.threads: is 0, expected 3 to 64",
                 "x.toml:9: storage.keep_days: is -1, expected 0 to 36500",
                 "x.toml:5: http.streams: is 200, expected less than http.connections, which is 128",
                 "x.toml:3: service.log_level: is \"loud\", expected \"debug\", \"info\", "

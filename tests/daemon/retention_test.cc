@@ -69,13 +69,18 @@ TEST_F(RetentionTest, TheNewestStay) {
 }
 
 TEST_F(RetentionTest, WhatIsYoungStays) {
-  // A bit more than 27 days before 2026-01-01 00:00 are x0 to x3.
-  EXPECT_EQ(ApplyRetention(store(), {std::nullopt, 27})->size(), 4u);
+  EXPECT_EQ(ApplyRetention(store(), {std::nullopt, 3})->size(), 4u);
+  EXPECT_EQ(Left(), "x4 x5 x6 x7");
+}
+
+TEST_F(RetentionTest, AClockThatIsYearsAheadTakesNoMoreThanOneThatIsRight) {
+  state_.clock().Advance(std::chrono::hours(24 * 3650));
+  EXPECT_EQ(ApplyRetention(store(), {std::nullopt, 3})->size(), 4u);
   EXPECT_EQ(Left(), "x4 x5 x6 x7");
 }
 
 TEST_F(RetentionTest, WithTwoRulesBothMustNameIt) {
-  EXPECT_EQ(ApplyRetention(store(), {6, 27})->size(), 2u);
+  EXPECT_EQ(ApplyRetention(store(), {6, 3})->size(), 2u);
   EXPECT_EQ(Left(), "x2 x3 x4 x5 x6 x7");
 }
 

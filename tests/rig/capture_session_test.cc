@@ -295,6 +295,9 @@ TEST(CaptureSession, AShotWaitsForAPreviewToEnd) {
   auto preview = std::async(std::launch::async, [&] { return (*session)->Preview("c001"); });
   std::this_thread::sleep_for(100ms);
   EXPECT_EQ(rig.server().counters(1).frames, frames) << "the preview is still on its way";
+  const auto second = (*session)->Preview("c000");
+  ASSERT_FALSE(second) << "previews do not queue up before shots";
+  EXPECT_NE(second.error().message.find("busy"), std::string::npos) << second.error().ToString();
   const auto shot = (*session)->Capture();
   EXPECT_TRUE(preview.get());
   ASSERT_TRUE(shot) << shot.error().ToString();
