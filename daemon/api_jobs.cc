@@ -79,12 +79,11 @@ HttpResponse Events(const ApiParts& parts, const ApiRequest& request) {
   const std::string header = request.http.Header("last-event-id");
   const std::string from = header.empty() && query != request.query.end() ? query->second : header;
   std::optional<int64_t> after = Number(from);
-  if (from.empty()) {
-    const Result<int64_t> newest = LastEventNumber(parts.store);
-    if (!newest) return Problem(newest.error());
-    after = *newest;
-  }
-  if (!after) return Problem(400, "'" + from + "' is no number of an event");
+  if (!from.empty() && !after) return Problem(400, "'" + from + "' is no number of an event");
+  const Result<int64_t> newest = LastEventNumber(parts.store);
+  if (!newest) return Problem(newest.error());
+  // A number from before the store was restored from a backup may be one that is yet to come.
+  if (!after || *after > *newest) after = *newest;
   HttpResponse response;
   response.content_type = "text/event-stream";
   response.stream = EventsAfter(parts.store, *after);

@@ -385,10 +385,13 @@ TEST_F(Api, EventStreamsBeginWhereTheClientSays) {
   const std::map<std::string, std::string> seen = {{"last-event-id", std::to_string(numbers[1])}};
   const HttpResponse resumed = Call("GET", "/v1/events", "", Role::kViewer, seen);
   EXPECT_EQ(NumbersIn(resumed.stream()), std::vector<int>(numbers.begin() + 2, numbers.end()));
-  // What happens later reaches the one that began now.
+  const HttpResponse ahead = Get("/v1/events?after=999999");
+  EXPECT_EQ(NumbersIn(ahead.stream()), std::vector<int>());
+  // What happens later reaches the one that began now, and the one that was ahead.
   test::WriteTinyFrameSet(state_.store().CaptureFolder("late"), "2026-01-02T10:00:00Z");
   ASSERT_TRUE(RecordCapture(state_.store(), "late", std::nullopt));
   EXPECT_EQ(NumbersIn(from_now.stream()).size(), 1u);
+  EXPECT_EQ(NumbersIn(ahead.stream()).size(), 1u);
   for (const char* wrong : {"-1", "x", "1e3", "99999999999999999999"}) {
     EXPECT_EQ(Get(std::string("/v1/events?after=") + wrong).status, 400) << wrong;
   }
