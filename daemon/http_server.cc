@@ -531,13 +531,16 @@ Result<std::unique_ptr<HttpServer>> HttpServer::Start(int listening_fd, Options 
   beast::error_code error;
   impl.acceptor.assign(Protocol(), listening_fd, error);
   if (error) return Error{ErrorCode::kInvalidArgument, error.message(), "listening socket"};
-  impl.Accept();
   impl.Beat();
   impl.thread = std::thread([&impl] { impl.io.run(); });
   return server;
 }
 
 HttpServer::~HttpServer() { Stop(milliseconds(0)); }
+
+void HttpServer::Serve() {
+  net::post(impl_->io, [this] { impl_->Accept(); });
+}
 
 void HttpServer::SetAccess(HttpAccess access) {
   net::post(impl_->io, [this, access = std::move(access)] { impl_->access = access; });

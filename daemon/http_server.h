@@ -60,13 +60,16 @@ class HttpServer {
     std::function<void(const AccessEntry&)> log;             // from the input/output thread
   };
 
-  /// Serves on a listening socket, which becomes the server's. kInvalidArgument: it is none.
+  /// A listening socket becomes the server's; clients wait until Serve(). kInvalidArgument: it is
+  /// none.
   static Result<std::unique_ptr<HttpServer>> Start(int listening_fd, Options options);
   /// Stops, without patience.
   ~HttpServer();
   HttpServer(const HttpServer&) = delete;
   HttpServer& operator=(const HttpServer&) = delete;
 
+  /// Takes connections from now on. Called once.
+  void Serve();
   /// Who may do what from now on; connections that are open keep their role.
   void SetAccess(HttpAccess access);
   /// Makes every stream ask its source. From any thread.

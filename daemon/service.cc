@@ -196,6 +196,7 @@ Status Service::StartServer() {
   ROTUNDA_ASSIGN_OR_RETURN(parts.server, HttpServer::Start(*fd, std::move(options)));
   parts.wake_streams =
       parts.events.Subscribe([&server = *parts.server](const EventRecord&) { server.Wake(); });
+  parts.server->Serve();  // requests ask for parts.server
   return {};
 }
 

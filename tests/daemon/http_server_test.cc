@@ -59,6 +59,7 @@ class HttpServerTest : public testing::Test {
     auto server = HttpServer::Start(*fd, options_);
     ASSERT_TRUE(server) << server.error().ToString();
     server_ = std::move(*server);
+    server_->Serve();
   }
   std::filesystem::path Socket() const { return folder_ / "s"; }
   std::vector<AccessEntry> Log() {
