@@ -25,15 +25,15 @@ class JobQueue::Worker {
   void Start() {
     thread_ = std::thread([this] { Run(); });
   }
-  void Stop() {
+  void RequestStop() {
     {
       const std::lock_guard lock(mutex_);
       quit_ = true;
       stop_.request_stop();
     }
     wake_.notify_all();
-    thread_.join();
   }
+  void Join() { thread_.join(); }
 
   void Wake() {
     {
@@ -183,7 +183,12 @@ JobQueue::JobQueue(Store& store, JobHandlers handlers, Options options)
 }
 
 JobQueue::~JobQueue() {
-  for (const auto& worker : workers_) worker->Stop();
+  RequestStop();
+  for (const auto& worker : workers_) worker->Join();
+}
+
+void JobQueue::RequestStop() {
+  for (const auto& worker : workers_) worker->RequestStop();
 }
 
 const JobHandler& JobQueue::HandlerOf(JobKind kind) const {

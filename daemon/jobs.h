@@ -62,6 +62,9 @@ class JobQueue {
   /// request kAlreadyExists.
   Result<JobRecord> Submit(JobKind kind, const std::string& body,
                            const std::string& idempotency_key);
+  /// Tells the running jobs to stop and takes no others; returns at once. For an end that has more
+  /// to wait for.
+  void RequestStop();
   /// A running job ends within a second or two; see its state.
   Result<JobRecord> Cancel(int64_t number);
   /// Runs an interrupted, failed or cancelled job again.

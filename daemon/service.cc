@@ -75,6 +75,8 @@ class Housekeeper {
         log_(log),
         thread_([this](std::stop_token stop) { Run(stop); }) {}
 
+  void RequestStop() { thread_.request_stop(); }
+
   void SetPolicy(RetentionPolicy policy) {
     const std::lock_guard lock(mutex_);
     policy_ = policy;
@@ -201,6 +203,9 @@ Status Service::StartServer() {
 }
 
 Service::~Service() {
+  // All are told before any is waited for.
+  if (parts_->jobs) parts_->jobs->RequestStop();
+  if (parts_->housekeeper) parts_->housekeeper->RequestStop();
   if (parts_->server) {
     parts_->server->Stop(milliseconds(options_.config.service.stop_ms));
   }
