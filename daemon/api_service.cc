@@ -45,9 +45,10 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
     overview.problems.push_back("a shot cannot be written and waits in memory: " +
                                 trouble->error.ToString());
   }
-  std::error_code ignored;
-  overview.free_bytes =
-      std::filesystem::space(parts.store.options().state_folder, ignored).available;
+  std::error_code failure;
+  const auto space = std::filesystem::space(parts.store.options().state_folder, failure);
+  if (failure) overview.problems.push_back("the disk cannot be asked: " + failure.message());
+  overview.free_bytes = failure ? 0 : space.available;
   if (overview.free_bytes < parts.disk_reserve_bytes) {
     overview.problems.push_back(
         "the disk has less room than the reserve: captures are refused. Remove captures, or lower "

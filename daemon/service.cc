@@ -3,6 +3,7 @@
 #include <grp.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <condition_variable>
 #include <filesystem>
 #include <mutex>
@@ -31,6 +32,8 @@ using std::chrono::milliseconds;
 constexpr auto kServerSilence = std::chrono::seconds(30);
 constexpr auto kRetentionInterval = std::chrono::hours(1);
 constexpr uint64_t kBytesPerMegabyte = 1000000;
+// A group with a million members; more is a broken directory service.
+constexpr size_t kMaxGroupBytes = size_t{1} << 26;
 
 RetentionPolicy PolicyOf(const config::DaemonConfig::Storage& storage) {
   RetentionPolicy policy;
@@ -44,7 +47,10 @@ std::vector<gid_t> GroupsNamed(const std::string& name, spdlog::logger& log) {
   std::vector<char> memory(1 << 16);
   group entry{};
   group* found = nullptr;
-  getgrnam_r(name.c_str(), &entry, memory.data(), memory.size(), &found);
+  const auto look = [&] {
+    return getgrnam_r(name.c_str(), &entry, memory.data(), memory.size(), &found);
+  };
+  while (look() == ERANGE && memory.size() < kMaxGroupBytes) memory.resize(2 * memory.size());
   if (found != nullptr) return {found->gr_gid};
   log.warn("there is no group '{}': nobody has its rights", name);
   return {};
