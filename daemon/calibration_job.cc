@@ -301,13 +301,17 @@ std::string CalibrationIdOf(const std::string& created_at) {
 
 JobHandler MakeCalibrationHandler(Store& store, CalibrationJobOptions options) {
   JobHandler handler;
-  handler.check = [&store](const std::string& body) -> Result<std::string> {
+  handler.check = [](const std::string& body) -> Result<std::string> {
+    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
+    return ToBody(request);
+  };
+  handler.refers = [&store](const std::string& body) -> Status {
     ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
     for (const std::string& id : request.captures) ROTUNDA_RETURN_IF_ERROR(FindCapture(store, id));
     for (const auto& id : {request.frame_from, request.intrinsics_from, request.compare}) {
       if (id) ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *id));
     }
-    return ToBody(request);
+    return {};
   };
   handler.run = [&store, options](const JobRecord& job, JobContext& context) {
     return Run(store, options, job, context);

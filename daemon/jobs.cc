@@ -211,6 +211,7 @@ Result<JobRecord> JobQueue::Submit(JobKind kind, const std::string& body,
   if (!idempotency_key.empty()) {
     ROTUNDA_ASSIGN_OR_RETURN(known, FindJobByKey(store_, idempotency_key));
   }
+  if (!known && handler.refers) ROTUNDA_RETURN_IF_ERROR(handler.refers(checked));
   if (!known && handler.admit) ROTUNDA_RETURN_IF_ERROR(handler.admit());
   ROTUNDA_ASSIGN_OR_RETURN(JobRecord job, AddJob(store_, {kind, checked, idempotency_key}));
   Wake();

@@ -22,14 +22,16 @@ struct JobContext {
 /// What jobs of one kind are.
 struct JobHandler {
   /// The body as it is stored (keys in order, defaults filled in), or what is wrong with the
-  /// request: kInvalidArgument names the field, kNotFound what it refers to. Run by the caller of
-  /// Submit().
+  /// request: kInvalidArgument names the field. Run by the caller of Submit().
   std::function<Result<std::string>(const std::string& body)> check;
   /// Whether new jobs can be taken now; not asked for one that was taken before. May be null.
   std::function<Status()> admit;
   /// Does the work; gives the result, a JSON object. A job that was interrupted comes again with
   /// the `product` of its first run.
   std::function<Result<std::string>(const JobRecord& job, JobContext& context)> run;
+  /// Whether what a checked body refers to is there: kNotFound. Not asked for a job that was taken
+  /// before, which may have outlived what it was about. May be null.
+  std::function<Status(const std::string& checked)> refers = nullptr;
 };
 
 struct JobHandlers {

@@ -162,13 +162,17 @@ std::string ReconstructionBody(const std::string& capture) {
 
 JobHandler MakeReconstructionHandler(Store& store, int threads) {
   JobHandler handler;
-  handler.check = [&store](const std::string& body) -> Result<std::string> {
+  handler.check = [](const std::string& body) -> Result<std::string> {
+    ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request, ParseReconstructionRequest(body));
+    return ToBody(request);
+  };
+  handler.refers = [&store](const std::string& body) -> Status {
     ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request, ParseReconstructionRequest(body));
     ROTUNDA_RETURN_IF_ERROR(FindCapture(store, request.capture));
     if (request.calibration) {
       ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *request.calibration));
     }
-    return ToBody(request);
+    return {};
   };
   handler.run = [&store, threads](const JobRecord& job, JobContext& context) {
     return Run(store, threads, job, context);

@@ -33,8 +33,8 @@ TEST(ReconstructionJob, TheBodyIsFilledInAndChecked) {
   EXPECT_EQ(handler.check("{ \"pairs\":\"exhaustive\", \"capture\":\"x\" }").value(),
             ReconstructionBody("x"))
       << "the same request, however it is written";
-  EXPECT_EQ(handler.check("{\"capture\": \"y\"}").error().code, ErrorCode::kNotFound);
-  EXPECT_EQ(handler.check("{\"capture\": \"x\", \"calibration\": \"../x\"}").error().code,
+  EXPECT_EQ(handler.refers("{\"capture\": \"y\"}").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(handler.refers("{\"capture\": \"x\", \"calibration\": \"../x\"}").error().code,
             ErrorCode::kNotFound);
   for (const char* body :
        {"{}", "{\"capture\": 3}", "{\"capture\": \"x\", \"method\": \"magic\"}",
@@ -73,8 +73,8 @@ TEST(CalibrationJob, TheRequestIsChecked) {
   const JobHandler handler = MakeCalibrationHandler(state.store(), {"board.toml", 1});
   EXPECT_EQ(handler.check("{\"captures\": [\"x\"]}").value(),
             "{\"captures\":[\"x\"],\"model\":\"opencv\"}");
-  EXPECT_EQ(handler.check("{\"captures\": [\"x\", \"y\"]}").error().code, ErrorCode::kNotFound);
-  EXPECT_EQ(handler.check("{\"captures\": [\"x\"], \"compare\": \"none\"}").error().code,
+  EXPECT_EQ(handler.refers("{\"captures\": [\"x\", \"y\"]}").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(handler.refers("{\"captures\": [\"x\"], \"compare\": \"none\"}").error().code,
             ErrorCode::kNotFound);
   for (const char* body : {"{}", "{\"captures\": []}", "{\"captures\": \"x\"}",
                            "{\"captures\": [1]}", "{\"captures\": [\"x\"], \"model\": \"fish\"}",

@@ -170,6 +170,24 @@ TEST(Jobs, ThatCannotBeTakenAreRefusedUnlessTheyWereTakenBefore) {
   EXPECT_EQ(queue.Submit(JobKind::kCapture, "{}", "first")->number, taken->number);
 }
 
+TEST(Jobs, ARepeatGivesItsJobAlsoWhenWhatItWasAboutIsGone) {
+  DaemonState state;
+  std::atomic<bool> gone = false;
+  JobHandlers handlers = CapturesDo(Nothing);
+  handlers.capture.refers = [&](const std::string&) -> Status {
+    if (!gone) return {};
+    return Error{ErrorCode::kNotFound, "there is no such capture", ""};
+  };
+  JobQueue queue(state.store(), handlers, {});
+  const auto taken = queue.Submit(JobKind::kCapture, "{}", "first");
+  ASSERT_TRUE(taken.ok());
+  gone = true;
+  EXPECT_EQ(queue.Submit(JobKind::kCapture, "{}", "second").error().code, ErrorCode::kNotFound);
+  const auto again = queue.Submit(JobKind::kCapture, "{}", "first");
+  ASSERT_TRUE(again.ok()) << again.error().ToString();
+  EXPECT_EQ(again->number, taken->number);
+}
+
 TEST(Jobs, AreCancelledWhileTheyWaitAndWhileTheyRun) {
   DaemonState state;
   Gate gate;
