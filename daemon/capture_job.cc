@@ -131,11 +131,13 @@ Result<std::string> ToJpeg(const rig::CameraFrame& frame) {
   }
 }
 
-Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot) {
+Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot,
+              const std::vector<std::string>& notes) {
   Json result = {{"capture", capture.id},
                  {"ok", capture.ok_frames},
                  {"of", capture.frames},
                  {"complete", capture.ok_frames == capture.frames}};
+  if (!notes.empty()) result["notes"] = notes;
   if (!shot) return result;  // taken before the daemon was interrupted
   result["summary"] = shot->Summary();
   result["pulses"] = shot->pulses;
@@ -168,12 +170,14 @@ struct CaptureWork {
   Status CheckRoom() const {
     return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes);
   }
-  Result<rig::FrameSetOrder> Order(const std::string& id, const CaptureRequest& request) const;
+  /// `notes` gets what the operator is to know of it.
+  Result<rig::FrameSetOrder> Order(const std::string& id, const CaptureRequest& request,
+                                   std::vector<std::string>& notes) const;
   Result<std::string> Run(const JobRecord& job, JobContext& context) const;
 };
 
-Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id,
-                                              const CaptureRequest& request) const {
+Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id, const CaptureRequest& request,
+                                              std::vector<std::string>& notes) const {
   ROTUNDA_ASSIGN_OR_RETURN(const std::optional<CalibrationRecord> active, ActiveCalibration(store));
   rig::FrameSetOrder order;
   order.out = store.CaptureFolder(id);
@@ -181,7 +185,15 @@ Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id,
   order.captured_at = store.Now();
   order.subject = request.subject;
   order.trigger_source = station.TriggerSource();
-  if (active) order.calibration = store.CalibrationFolder(active->id) / "calibration.json";
+  if (!active) return order;
+  // Who stands there now may not come again: a calibration can be given to the reconstruction
+  // later.
+  Result<std::string> calibration = CalibrationText(store, active->id);
+  if (calibration) {
+    order.calibration = *std::move(calibration);
+  } else {
+    notes.push_back("taken without the calibration in force: " + calibration.error().ToString());
+  }
   return order;
 }
 
@@ -193,10 +205,11 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
     ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
   }
   std::optional<rig::Shot> shot;
+  std::vector<std::string> notes;
   std::error_code ignored;
   if (!std::filesystem::exists(store.CaptureFolder(id) / "frameset.json", ignored)) {
     ROTUNDA_RETURN_IF_ERROR(CheckRoom());
-    ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request));
+    ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request, notes));
     ROTUNDA_ASSIGN_OR_RETURN(CaptureStation::Taken taken, station.Take(std::move(order), context));
     shot = std::move(taken.shot);
   }
@@ -204,7 +217,7 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
   if (request.reconstruct) follow_up = {JobKind::kReconstruction, ReconstructionBody(id), ""};
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture,
                            RecordInTheEnd(store, id, follow_up, context));
-  return ResultOf(capture, shot).dump(-1, ' ', false, Json::error_handler_t::replace);
+  return ResultOf(capture, shot, notes).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include "daemon/store_internal.h"
 #include "daemon/store_sql.h"
 #include "sfm/core/calibration.h"
+#include "sfm/core/file_io.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -98,6 +99,20 @@ Result<CalibrationRecord> RecordCalibration(Store& store, const std::string& id)
     return Insert(database, id, calibration);
   }));
   return FindCalibration(store, id);
+}
+
+Result<std::string> CalibrationText(const Store& store, const std::string& id) {
+  const std::filesystem::path file = store.CalibrationFolder(id) / "calibration.json";
+  const auto broken = [&id](const Error& error) {
+    return Error{error.code,
+                 error.message + "; put the file back, or activate another calibration than " + id,
+                 error.context};
+  };
+  Result<std::string> text = ReadFile(file);
+  if (!text) return broken(text.error());
+  const Result<Calibration> calibration = CalibrationFromJson(*text, file.string());
+  if (!calibration) return broken(calibration.error());
+  return text;
 }
 
 Result<CalibrationRecord> ActivateCalibration(Store& store, const std::string& id) {

@@ -313,8 +313,8 @@ Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
   ROTUNDA_RETURN_IF_ERROR(
       WriteNewFile(folder.path() / "shot.json", ShotText(job.shot, written.figures)));
   if (job.order.calibration) {
-    ROTUNDA_ASSIGN_OR_RETURN(const std::string text, ReadFile(*job.order.calibration));
-    ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "calibration.json", text));
+    ROTUNDA_RETURN_IF_ERROR(
+        WriteNewFile(folder.path() / "calibration.json", *job.order.calibration));
   }
   ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "frameset.json", FrameSetToJson(set)));
   ROTUNDA_RETURN_IF_ERROR(folder.Commit());

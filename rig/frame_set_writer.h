@@ -37,8 +37,8 @@ struct FrameSetOrder {
   std::string id;
   std::string captured_at;  // RFC 3339
   std::optional<std::string> subject;
-  std::string trigger_source;                        // "gpio" or "simulated"
-  std::optional<std::filesystem::path> calibration;  // in force; copied into the set
+  std::string trigger_source;              // "gpio" or "simulated"
+  std::optional<std::string> calibration;  // in force: the text of its file, for the set's own
 };
 
 /// A shot as it lies on the disk.

@@ -217,6 +217,22 @@ TEST_F(Api, StatusTellsWhatToSeeTo) {
   EXPECT_EQ(history["items"][0]["capture"], kCapture);
 }
 
+TEST_F(Api, StatusNamesACalibrationInForceThatCannotBeRead) {
+  Fill();
+  const auto problems = [&] {
+    return Checked(Get("/v1/status"), "Status")["problems"].dump().find(
+               "without the calibration in force") != std::string::npos;
+  };
+  EXPECT_FALSE(problems());
+  const auto folder = state_.store().CalibrationFolder(kCalibration);
+  std::filesystem::rename(folder, state_.folder() / "away");
+  EXPECT_TRUE(problems());
+  std::filesystem::rename(state_.folder() / "away", folder);
+  EXPECT_FALSE(problems());
+  std::ofstream(folder / "calibration.json") << "{";
+  EXPECT_TRUE(problems());
+}
+
 TEST_F(Api, ListsComeInPages) {
   Store& store = state_.store();
   for (int i = 0; i < 5; ++i) {

@@ -73,6 +73,18 @@ class CaptureJobTest : public ::testing::Test {
     return Wait(job->number);
   }
 
+  /// "now".
+  void PutCalibrationInForce() {
+    Calibration calibration;
+    calibration.created_at = "2026-01-01T00:00:00Z";
+    CalibratedCamera& camera = calibration.cameras.emplace_back();
+    camera.camera = "c000";
+    camera.intrinsics = {CameraModel::kPinhole, 300, 400, {400, 400, 150, 200}};
+    test::WriteCalibrationFolder(store().CalibrationFolder("now"), calibration);
+    ASSERT_TRUE(RecordCalibration(store(), "now").ok());
+    ASSERT_TRUE(ActivateCalibration(store(), "now").ok());
+  }
+
   DaemonState state_;
   SimulatedRig rig_;
   std::unique_ptr<CaptureStation> station_;
@@ -80,15 +92,7 @@ class CaptureJobTest : public ::testing::Test {
 };
 
 TEST_F(CaptureJobTest, MakesADurableFrameSetWithTheCalibrationInForceAndQueuesItsReconstruction) {
-  Calibration calibration;
-  calibration.created_at = "2026-01-01T00:00:00Z";
-  CalibratedCamera& camera = calibration.cameras.emplace_back();
-  camera.camera = "c000";
-  camera.intrinsics = {CameraModel::kPinhole, 300, 400, {400, 400, 150, 200}};
-  test::WriteCalibrationFolder(store().CalibrationFolder("now"), calibration);
-  ASSERT_TRUE(RecordCalibration(store(), "now").ok());
-  ASSERT_TRUE(ActivateCalibration(store(), "now").ok());
-
+  PutCalibrationInForce();
   const JobRecord job = Capture("{\"subject\": \"Anna\"}");
   ASSERT_EQ(job.state, JobState::kDone) << job.error;
   const auto capture = FindCapture(store(), job.product);
@@ -115,6 +119,24 @@ TEST_F(CaptureJobTest, MakesADurableFrameSetWithTheCalibrationInForceAndQueuesIt
   for (const rig::CameraState& state : station_->States()) {
     EXPECT_EQ(state.condition, rig::CameraCondition::kReady) << state.camera;
   }
+}
+
+TEST_F(CaptureJobTest, AShotIsTakenWithoutACalibrationThatCannotBeReadAndSaysSo) {
+  PutCalibrationInForce();
+  const fs::path folder = store().CalibrationFolder("now");
+  const auto expect_without = [&](const std::string& why) {
+    const JobRecord job = Capture("{\"reconstruct\": false}");
+    ASSERT_EQ(job.state, JobState::kDone) << job.error;
+    EXPECT_NE(job.result.find("without the calibration in force"), std::string::npos) << job.result;
+    EXPECT_NE(job.result.find(why), std::string::npos) << job.result;
+    EXPECT_EQ(FindCapture(store(), job.product)->ok_frames, uint64_t{kCameras});
+    EXPECT_FALSE(FindCapture(store(), job.product)->calibration.has_value());
+    EXPECT_FALSE(fs::exists(store().CaptureFolder(job.product) / "calibration.json"));
+  };
+  fs::resize_file(folder / "calibration.json", 20);
+  expect_without("calibration.json");
+  fs::remove_all(folder);
+  expect_without("No such file");
 }
 
 TEST_F(CaptureJobTest, AShotWithMissingCamerasIsKeptAndSaysWhich) {
