@@ -83,20 +83,26 @@ void WaitForCameras(rig::CaptureSession& session, milliseconds patience, JobCont
 
 /// Waits for the disk. A set that cannot be written stays in memory until it can, or the job is
 /// stopped; one that nothing is the matter with is written then all the same. What the writer has
-/// set aside is tried again too: `out` is the store's own folder, and somebody may mend it.
+/// set aside is tried again too: `out` is the store's own folder, and somebody may mend it. Tells
+/// of progress only when the writer shows some: one that hangs is a case for the watchdog.
 Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
                                     const std::filesystem::path& out, JobContext& context) {
   std::stop_source at_once;
   at_once.request_stop();
+  std::optional<uint64_t> told;
   while (true) {
     Result<rig::WrittenSet> written = writer.Wait(ticket, at_once.get_token());
     if (written) return written;
     const bool set_aside = written.error().code != ErrorCode::kCancelled;
+    const uint64_t signs = writer.signs_of_life();  // before the trouble, which changes first
     const auto trouble = writer.trouble();
     const bool in_trouble = set_aside || (trouble && trouble->out == out);
     if (context.stop.stop_requested() && in_trouble) break;
-    context.progress(trouble ? "waiting for the disk: " + trouble->error.ToString() : "writing", 0,
-                     1);
+    if (told != signs) {
+      context.progress(trouble ? "waiting for the disk: " + trouble->error.ToString() : "writing",
+                       0, 1);
+      told = signs;
+    }
     std::this_thread::sleep_for(set_aside ? kMendInterval : kPollInterval);
     if (set_aside) ROTUNDA_RETURN_IF_ERROR(writer.Redirect(ticket, out));
   }

@@ -260,6 +260,7 @@ void FrameSetWriter::Run() {
     lock.lock();
     if (!written) {
       job->trouble = Trouble{job->order.out, written.error(), may_pass};
+      ++signs_of_life_;
       changed_.notify_all();
       if (may_pass) {
         changed_.wait_for(lock, kRetryInterval, [&] { return quit_ || abandon_writing_; });
@@ -299,6 +300,7 @@ Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
           stop.request_stop();
           return;
         }
+        ++signs_of_life_;
         sizes[i] = png->size();
         set.frames[i].xxh3 = HashText(*png);
         figures[i] = MeasurePicture(*frame);

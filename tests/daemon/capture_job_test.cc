@@ -1,13 +1,42 @@
 #include "daemon/capture_job.h"
 
 #include <gtest/gtest.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
+#include <atomic>
+#include <climits>
+#include <string>
 #include <thread>
 
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/simulated_rig.h"
+
+namespace {
+
+/// While it is set the disk does not answer where captures are made durable.
+std::atomic<bool> disk_hangs = false;
+std::atomic<int> hanging = 0;
+
+bool IsOfACapture(int fd) {
+  char path[PATH_MAX] = {};
+  const std::string link = "/proc/self/fd/" + std::to_string(fd);
+  return readlink(link.c_str(), path, sizeof(path) - 1) > 0 &&
+         std::string(path).find("/captures/") != std::string::npos;
+}
+
+}  // namespace
+
+/// In place of libc's, for what is linked into this program.
+extern "C" int fsync(int fd) {
+  while (disk_hangs && IsOfACapture(fd)) {
+    hanging = 1;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return static_cast<int>(syscall(SYS_fsync, fd));
+}
 
 namespace rotunda::daemon {
 namespace {
@@ -52,12 +81,12 @@ class CaptureJobTest : public ::testing::Test {
   }
   ~CaptureJobTest() override { queue_.reset(); }
 
-  void StartQueue(uint64_t reserve_bytes) {
+  void StartQueue(uint64_t reserve_bytes, JobQueue::Options options = {}) {
     queue_.reset();
     queue_ = std::make_unique<JobQueue>(
         store(),
         JobHandlers{MakeCaptureHandler(store(), *station_, {reserve_bytes}), Idle(), Idle()},
-        JobQueue::Options{});
+        options);
   }
   Store& store() { return state_.store(); }
   JobRecord Wait(int64_t number) {
@@ -202,6 +231,22 @@ TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsCancelled) {
   fs::create_directory(captures);
   const JobRecord next = Capture("{}");
   EXPECT_EQ(next.state, JobState::kDone) << next.error;
+}
+
+TEST_F(CaptureJobTest, AWriterThatHangsIsAHungJobForTheWatchdog) {
+  JobQueue::Options options;
+  options.capture_silence = 1s;
+  StartQueue(0, options);
+  disk_hangs = true;
+  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
+  while (hanging == 0) std::this_thread::sleep_for(2ms);
+  // Long after the silence; it did not come at all while waiting counted as a sign of life.
+  for (int i = 0; i < 10000 && !queue_->Hung(); ++i) std::this_thread::sleep_for(2ms);
+  const auto hung = queue_->Hung();
+  disk_hangs = false;
+  ASSERT_TRUE(hung.has_value());
+  EXPECT_NE(hung->find("job " + std::to_string(job->number)), std::string::npos) << *hung;
+  EXPECT_EQ(Wait(job->number).state, JobState::kDone) << "a disk that answers again";
 }
 
 TEST_F(CaptureJobTest, APreviewIsAJpegAsSoonAsTheCameraIsReady) {
