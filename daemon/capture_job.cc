@@ -69,6 +69,11 @@ std::string ToBody(const CaptureRequest& request) {
   return body.dump();
 }
 
+std::optional<NewJob> FollowUp(const CaptureRequest& request, const std::string& capture) {
+  if (!request.reconstruct) return std::nullopt;
+  return NewJob{JobKind::kReconstruction, ReconstructionBody(capture), ""};
+}
+
 /// Waits until all cameras are ready or patience is over.
 void WaitForCameras(rig::CaptureSession& session, milliseconds patience, JobContext& context) {
   const size_t all = session.options().cameras.size();
@@ -219,8 +224,7 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
     ROTUNDA_ASSIGN_OR_RETURN(CaptureStation::Taken taken, station.Take(std::move(order), context));
     shot = std::move(taken.shot);
   }
-  std::optional<NewJob> follow_up;
-  if (request.reconstruct) follow_up = {JobKind::kReconstruction, ReconstructionBody(id), ""};
+  const std::optional<NewJob> follow_up = FollowUp(request, id);
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture,
                            RecordInTheEnd(store, id, follow_up, context));
   return ResultOf(capture, shot, notes).dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -313,6 +317,11 @@ Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order, Job
   const auto ticket = writer_.Submit(std::move(order), std::move(shot));
   ROTUNDA_ASSIGN_OR_RETURN(taken.written, WaitForDisk(writer_, ticket, out, context));
   return taken;
+}
+
+std::optional<NewJob> CaptureFollowUp(const JobRecord& job) {
+  const Result<CaptureRequest> request = ParseCaptureRequest(job.body);
+  return request ? FollowUp(*request, job.product) : std::nullopt;
 }
 
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options) {

@@ -66,6 +66,9 @@ struct CaptureJobOptions {
   uint64_t disk_reserve_bytes = 0;
 };
 
+/// The reconstruction that a capture job asks for; nullopt: none. For StoreOptions.
+std::optional<NewJob> CaptureFollowUp(const JobRecord& job);
+
 /// POST /v1/captures {"subject": text?, "reconstruct": true?}. The set gets the calibration in
 /// force; when that cannot be read the shot is taken without it and "notes" says so. Its
 /// reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok", "of",

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -29,6 +30,9 @@ struct StoreOptions {
   std::filesystem::path state_folder;  // made when it is missing
   WallClock clock;
   DriftLimits drift;
+  /// What a capture job asks to be done with its shot: queued when a start finds the shot on the
+  /// disk that the job, which did not come to its end, had taken. Null: nothing.
+  std::function<std::optional<NewJob>(const JobRecord& capture_job)> follow_up = nullptr;
 };
 
 /// What Open() found and put right.

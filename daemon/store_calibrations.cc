@@ -74,8 +74,8 @@ Result<std::string> FreeCalibrationId(Store& store, const std::string& wanted) {
     const Result<CalibrationRecord> known = FindCalibration(store, id);
     if (!known && known.error().code != ErrorCode::kNotFound) return known.error();
     if (known) continue;
-    ROTUNDA_ASSIGN_OR_RETURN(const bool reserved, IsProductOfJob(store, id));
-    if (!reserved) return id;
+    ROTUNDA_ASSIGN_OR_RETURN(const auto reserved_by, FindJobByProduct(store, id));
+    if (!reserved_by) return id;
   }
   return Error{ErrorCode::kAlreadyExists, "there are too many of this name", wanted};
 }

@@ -8,12 +8,6 @@
 
 namespace rotunda::daemon {
 
-struct NewJob {
-  JobKind kind = JobKind::kCapture;
-  std::string body;             // a JSON object
-  std::string idempotency_key;  // empty: none
-};
-
 /// Readers. Everything that changes jobs goes through JobQueue (jobs.h).
 Result<JobRecord> FindJob(Store& store, int64_t number);
 Result<std::optional<JobRecord>> FindJobByKey(Store& store, const std::string& idempotency_key);

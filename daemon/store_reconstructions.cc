@@ -219,8 +219,8 @@ Result<std::string> FreeReconstructionId(Store& store, const std::string& captur
     const Result<ReconstructionRecord> known = FindReconstruction(store, id);
     if (!known && known.error().code != ErrorCode::kNotFound) return known.error();
     if (known) continue;
-    ROTUNDA_ASSIGN_OR_RETURN(const bool reserved, IsProductOfJob(store, id));
-    if (!reserved) return id;
+    ROTUNDA_ASSIGN_OR_RETURN(const auto reserved_by, FindJobByProduct(store, id));
+    if (!reserved_by) return id;
   }
   return Error{ErrorCode::kAlreadyExists, "there are too many reconstructions", capture};
 }

@@ -124,6 +124,12 @@ enum class JobState { kQueued, kRunning, kDone, kFailed, kCancelled, kInterrupte
 const char* JobStateName(JobState state);  // "queued", ...
 std::optional<JobState> JobStateFromName(const std::string& name);
 
+struct NewJob {
+  JobKind kind = JobKind::kCapture;
+  std::string body;             // a JSON object
+  std::string idempotency_key;  // empty: none
+};
+
 struct JobRecord {
   int64_t number = 0;
   JobKind kind = JobKind::kCapture;

@@ -24,6 +24,16 @@ struct FolderTable {
   std::function<Status(Store&, const std::string& id)> record;
 };
 
+/// What the job that took the shot, and was killed or stopped before it could enter it, asked for.
+Result<std::optional<NewJob>> FollowUpOf(Store& store, const std::string& capture) {
+  ROTUNDA_ASSIGN_OR_RETURN(const auto job, FindJobByProduct(store, capture));
+  if (!job || job->kind != JobKind::kCapture || !store.options().follow_up) {
+    return std::optional<NewJob>();
+  }
+  const bool unfinished = job->state == JobState::kRunning || job->state == JobState::kInterrupted;
+  return unfinished ? store.options().follow_up(*job) : std::nullopt;
+}
+
 const std::vector<FolderTable>& Tables() {
   // Reconstructions refer to captures, so they come last.
   static const std::vector<FolderTable> tables = {
@@ -34,7 +44,8 @@ const std::vector<FolderTable>& Tables() {
        }},
       {"captures", "capture", "frameset.json",
        [](Store& store, const std::string& id) -> Status {
-         ROTUNDA_RETURN_IF_ERROR(RecordCapture(store, id, std::nullopt));
+         ROTUNDA_ASSIGN_OR_RETURN(const auto follow_up, FollowUpOf(store, id));
+         ROTUNDA_RETURN_IF_ERROR(RecordCapture(store, id, follow_up));
          return {};
        }},
       {"reconstructions", "reconstruction", "poses.json",

@@ -6,9 +6,11 @@
 
 #include <atomic>
 #include <climits>
+#include <map>
 #include <string>
 #include <thread>
 
+#include "daemon/reconstruction_job.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "tests/support/daemon_state.h"
@@ -214,6 +216,31 @@ TEST_F(CaptureJobTest, ThatHadItsShotBeforeTheDaemonDiedDoesNotTakeAnother) {
   EXPECT_NE(end.result.find("\"capture\":\"had\""), std::string::npos);
   EXPECT_EQ(ListCaptures(store(), {})->items.size(), 1u);
   EXPECT_EQ(ListJobs(store(), {})->items[0].kind, JobKind::kReconstruction);
+}
+
+TEST_F(CaptureJobTest, AShotFoundOnTheDiskIsReconstructedAsItsJobAsked) {
+  queue_.reset();
+  const std::map<std::string, bool> asked = {{"with", true}, {"without", false}};
+  for (const auto& [id, reconstruct] : asked) {
+    const std::string body = std::string("{\"reconstruct\":") + (reconstruct ? "true}" : "false}");
+    const auto job = AddJob(store(), {JobKind::kCapture, body, ""});
+    ASSERT_TRUE(TakeJob(store(), {JobKind::kCapture}).ok());
+    ASSERT_TRUE(SetJobProduct(store(), job->number, id).ok());
+    test::WriteTinyFrameSet(store().CaptureFolder(id), "2026-01-01T00:00:00Z");
+  }
+  test::WriteTinyFrameSet(store().CaptureFolder("copied"), "2026-01-01T00:00:00Z");
+  state_.SetFollowUp(CaptureFollowUp);
+  state_.Reopen();
+  EXPECT_EQ(store().recovery().adopted.size(), 3u);
+  const auto queued = ListJobs(store(), {}, JobState::kQueued);
+  ASSERT_EQ(queued->items.size(), 1u) << "of the one that asked for it";
+  EXPECT_EQ(queued->items[0].kind, JobKind::kReconstruction);
+  EXPECT_EQ(queued->items[0].body, ReconstructionBody("with"));
+  // Its job, run again, has nothing more to ask for.
+  StartQueue(0);
+  ASSERT_TRUE(queue_->Rerun(1).ok());
+  EXPECT_EQ(Wait(1).state, JobState::kDone);
+  EXPECT_EQ(ListJobs(store(), {})->items.size(), 3u);
 }
 
 TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsCancelled) {
