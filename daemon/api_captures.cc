@@ -50,8 +50,8 @@ HttpResponse Picture(const ApiParts& parts, const ApiRequest& request) {
   return FileAnswer(parts.store.options().state_folder / found->file, "image/png");
 }
 
-/// The folder of the capture's newest reconstruction.
-Result<fs::path> NewestReconstruction(const ApiParts& parts, const std::string& id) {
+/// The folder of the reconstruction that speaks for the capture.
+Result<fs::path> BestReconstruction(const ApiParts& parts, const std::string& id) {
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(parts.store, id));
   if (capture.reconstruction) return parts.store.ReconstructionFolder(*capture.reconstruction);
   return Error{ErrorCode::kNotFound,
@@ -60,7 +60,7 @@ Result<fs::path> NewestReconstruction(const ApiParts& parts, const std::string& 
 
 HttpResponse ResultFile(const ApiParts& parts, const ApiRequest& request, const std::string& file,
                         const std::string& content_type) {
-  const auto folder = NewestReconstruction(parts, request.path.at("capture"));
+  const auto folder = BestReconstruction(parts, request.path.at("capture"));
   return folder ? FileAnswer(*folder / file, content_type) : Problem(folder.error());
 }
 
@@ -97,7 +97,7 @@ Result<std::string> Archive(const fs::path& reconstruction, const std::string& f
 HttpResponse Export(const ApiParts& parts, const ApiRequest& request, std::mutex& one) {
   const std::string& capture = request.path.at("capture");
   const std::string& format = request.query.at("format");
-  const auto folder = NewestReconstruction(parts, capture);
+  const auto folder = BestReconstruction(parts, capture);
   if (!folder) return Problem(folder.error());
   HttpResponse response;
   const bool is_ply = format == "ply";
@@ -152,7 +152,7 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
       {.method = "GET",
        .path = "/v1/captures/{capture}/poses",
        .operation = "getPoses",
-       .summary = "Camera poses of the newest reconstruction (rotunda-poses/1)",
+       .summary = "Camera poses of the capture's `reconstruction` (rotunda-poses/1)",
        .handle =
            [parts](const ApiRequest& request) {
              return ResultFile(parts, request, "poses.json", "application/json");
@@ -160,7 +160,7 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
       {.method = "GET",
        .path = "/v1/captures/{capture}/report",
        .operation = "getReport",
-       .summary = "The page of the newest reconstruction, for a browser",
+       .summary = "The page of the capture's `reconstruction`, for a browser",
        .content_type = "text/html; charset=utf-8",
        .handle =
            [parts](const ApiRequest& request) {
@@ -169,7 +169,8 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
       {.method = "GET",
        .path = "/v1/captures/{capture}/export",
        .operation = "getExport",
-       .summary = "The newest reconstruction for other programs: a tar archive, or the PLY file",
+       .summary =
+           "The capture's `reconstruction` for other programs: a tar archive, or the PLY file",
        .query = {{"format", "What to write", ExportFormats(), true}},
        .content_type = "application/octet-stream",
        .handle = [parts, one_export](const ApiRequest& request) {

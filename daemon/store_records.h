@@ -35,7 +35,8 @@ struct CaptureRecord {
   uint64_t frames = 0;
   std::optional<std::string> calibration;  // in force when it was taken
   bool files_gone = false;                 // the folder was missing when the daemon started
-  // The newest reconstruction: its id and what it says ("sure", "unsure", "folded" or empty).
+  // The newest reconstruction that is sure, else the newest: its id and what it says ("sure",
+  // "unsure", "folded" or empty).
   std::optional<std::string> reconstruction;
   std::string verdict;
 };

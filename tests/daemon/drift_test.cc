@@ -264,6 +264,22 @@ TEST_F(DriftTest, ACaptureThatIsReconstructedTwiceCountsOnce) {
   EXPECT_EQ(FindCapture(store(), "x1")->reconstruction, "x1-r2");
 }
 
+TEST_F(DriftTest, ALaterResultThatIsNotSureDoesNotHideOneThatIs) {
+  Capture(1);
+  PoseSet poses = PosesOf(calibration_, "x1", {});
+  poses.summary.verdict = "unsure";
+  Record(1, poses, "-r1");
+  EXPECT_EQ(FindCapture(store(), "x1")->reconstruction, "x1-r1") << "better than none";
+  poses.summary.verdict = "sure";
+  Record(1, poses, "-r2");
+  poses.summary.verdict.clear();  // as the plain method's
+  Record(1, poses, "-r3");
+  const auto capture = FindCapture(store(), "x1");
+  EXPECT_EQ(capture->reconstruction, "x1-r2");
+  EXPECT_EQ(capture->verdict, "sure");
+  EXPECT_EQ(ListCaptures(store(), {})->items[0].reconstruction, "x1-r2");
+}
+
 TEST(DriftLimitsTest, NeedBothSignificanceAndSize) {
   Calibration calibration;
   PoseSet poses;
