@@ -7,6 +7,8 @@ namespace rotunda::daemon {
 namespace {
 
 constexpr size_t kMaxKeyLength = 200;
+// About what a job takes.
+constexpr char kQueueRetry_s[] = "60";
 
 bool IsKey(const std::string& text) {
   return text.size() <= kMaxKeyLength &&
@@ -14,7 +16,7 @@ bool IsKey(const std::string& text) {
 }
 
 /// A request that cannot become a job. JSON that cannot be read is the caller's 400; a value or an
-/// id in it that is not right 422; no room on the disk 507.
+/// id in it that is not right 422; too many jobs 503; no room on the disk 507.
 HttpResponse Refusal(const Error& error) {
   switch (error.code) {
     case ErrorCode::kInvalidArgument:
@@ -22,6 +24,8 @@ HttpResponse Refusal(const Error& error) {
       return Problem(422, error.ToString());
     case ErrorCode::kIo:
       return Problem(507, error.ToString());
+    case ErrorCode::kFailed:
+      return QueueFull(error);
     default:
       return Problem(error);
   }
@@ -46,6 +50,12 @@ HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& co
 HttpResponse Busy(const std::string& with_what) {
   HttpResponse response = Problem(503, with_what + "; try again in a second");
   response.headers.emplace_back("Retry-After", "1");
+  return response;
+}
+
+HttpResponse QueueFull(const Error& error) {
+  HttpResponse response = Problem(503, error.ToString());
+  response.headers.emplace_back("Retry-After", kQueueRetry_s);
   return response;
 }
 

@@ -39,7 +39,8 @@ HttpResponse List(const ApiParts& parts, const ApiRequest& request) {
                state == request.query.end() ? std::nullopt : JobStateFromName(state->second)));
 }
 
-/// Calls `act` with the job's number. What it refuses for the job's state is a conflict.
+/// Calls `act` with the job's number. What it refuses for the job's state is a conflict, what for
+/// the queue's (kFailed) is for later.
 template <typename Act>
 HttpResponse WithJob(const ApiRequest& request, const Act& act) {
   const std::string& text = request.path.at("job");
@@ -49,6 +50,7 @@ HttpResponse WithJob(const ApiRequest& request, const Act& act) {
   if (!job && job.error().code == ErrorCode::kInvalidArgument) {
     return Problem(409, job.error().ToString());
   }
+  if (!job && job.error().code == ErrorCode::kFailed) return QueueFull(job.error());
   return JsonAnswer(job);
 }
 

@@ -51,6 +51,8 @@ class JobQueue {
     /// signs of life is a bundle adjustment of 90 cameras, minutes on a slow machine.
     std::chrono::seconds capture_silence{120};
     std::chrono::seconds computing_silence{1200};
+    /// A day of reconstructions. More are the work of a client gone wild.
+    size_t max_queued = 1000;
   };
 
   /// Starts the threads. `store` outlives the queue.
@@ -61,7 +63,7 @@ class JobQueue {
   JobQueue& operator=(const JobQueue&) = delete;
 
   /// Queues a job. The same key with the same request gives the job of the first time; with another
-  /// request kAlreadyExists.
+  /// request kAlreadyExists. kFailed: too many wait.
   Result<JobRecord> Submit(JobKind kind, const std::string& body,
                            const std::string& idempotency_key);
   /// Tells the running jobs to stop and takes no others; returns at once. For an end that has more
@@ -69,7 +71,7 @@ class JobQueue {
   void RequestStop();
   /// A running job ends within a second or two; see its state.
   Result<JobRecord> Cancel(int64_t number);
-  /// Runs an interrupted, failed or cancelled job again.
+  /// Runs an interrupted, failed or cancelled job again. kFailed: too many wait.
   Result<JobRecord> Rerun(int64_t number);
 
   /// Which job hangs, in words; nullopt while all is well. For the watchdog.
@@ -79,6 +81,8 @@ class JobQueue {
   class Worker;
   const JobHandler& HandlerOf(JobKind kind) const;
   void Wake();
+  /// kFailed when as many jobs wait as may.
+  Status CheckQueue() const;
 
   Store& store_;
   const JobHandlers handlers_;

@@ -20,6 +20,7 @@
 #include "daemon/reconstruction_job.h"
 #include "daemon/retention.h"
 #include "daemon/service_log.h"
+#include "daemon/store_jobs.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -31,6 +32,8 @@ using std::chrono::milliseconds;
 // seconds, and all of them may at the same time.
 constexpr auto kServerSilence = std::chrono::seconds(30);
 constexpr auto kRetentionInterval = std::chrono::hours(1);
+// Of ended ones, some kilobytes each: years of a studio's work, and lists that are quick.
+constexpr size_t kKeptJobs = 10000;
 constexpr uint64_t kBytesPerMegabyte = 1000000;
 // A group with a million members; more is a broken directory service.
 constexpr size_t kMaxGroupBytes = size_t{1} << 26;
@@ -71,8 +74,8 @@ HttpLimits LimitsOf(const config::DaemonConfig::Http& http) {
           http.request_ms,   http.write_ms,   http.heartbeat_ms, http.threads};
 }
 
-/// Applies the retention policy at the start and every hour, apart from everything that is waited
-/// for.
+/// Applies the retention policy and forgets old jobs, at the start and every hour, apart from
+/// everything that is waited for.
 class Housekeeper {
  public:
   Housekeeper(Store& store, RetentionPolicy policy, spdlog::logger& log)
@@ -99,6 +102,8 @@ class Housekeeper {
       lock.unlock();
       const auto removed = ApplyRetention(store_, policy);
       if (!removed) log_.error("retention: {}", removed.error().ToString());
+      const auto pruned = PruneJobs(store_, kKeptJobs);
+      if (!pruned) log_.error("old jobs: {}", pruned.error().ToString());
       lock.lock();
       wake_.wait_for(lock, stop, kRetentionInterval, [this] { return changed_; });
     }

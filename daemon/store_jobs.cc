@@ -287,6 +287,21 @@ Result<JobRecord> RequestCancel(Store& store, int64_t number) {
   });
 }
 
+Result<size_t> PruneJobs(Store& store, size_t keep) {
+  Result<int64_t> removed = int64_t{0};
+  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto&) -> Status {
+    ROTUNDA_RETURN_IF_ERROR(
+        database
+            .Prepare("DELETE FROM jobs WHERE state IN ('done', 'failed', 'cancelled') AND "
+                     "number <= (SELECT max(number) FROM jobs) - ?")
+            .Bind(uint64_t{keep})
+            .Run());
+    removed = database.Number("SELECT changes()");
+    return removed ? Status() : Status(removed.error());
+  }));
+  return static_cast<size_t>(*removed);
+}
+
 Result<JobRecord> RequeueJob(Store& store, int64_t number) {
   return ChangeJob(store, number, [](Database& database, JobRecord& job, auto& events) -> Status {
     if (job.state != JobState::kInterrupted && job.state != JobState::kFailed &&
