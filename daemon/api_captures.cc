@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
@@ -16,6 +17,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+
+// In memory until their clients have taken them, 100 MB each for a full rig.
+constexpr int kMaxArchives = 4;
 
 HttpResponse List(const ApiParts& parts, const ApiRequest& request) {
   const Result<Page> page = PageOf(request);
@@ -84,6 +88,29 @@ class ScratchFolder {
   fs::path path_;
 };
 
+/// A few of what costs memory: each is taken as long as there is one and comes back by itself.
+class Places {
+ public:
+  explicit Places(int count) : free_(std::make_shared<std::atomic<int>>(count)) {}
+  /// Null: none is left.
+  std::shared_ptr<const void> Take() const {
+    if (--*free_ < 0) {
+      ++*free_;
+      return nullptr;
+    }
+    return {free_.get(), [free = free_](const void*) { ++*free; }};
+  }
+
+ private:
+  std::shared_ptr<std::atomic<int>> free_;
+};
+
+/// What exports are made with.
+struct Exporter {
+  std::mutex one;  // an export takes a handler's thread for some seconds
+  Places archives{kMaxArchives};
+};
+
 /// The reconstruction as `format`, a tar archive.
 Result<std::string> Archive(const fs::path& reconstruction, const std::string& format) {
   const ScratchFolder scratch;
@@ -94,7 +121,7 @@ Result<std::string> Archive(const fs::path& reconstruction, const std::string& f
   return exported ? TarOf(scratch.path()) : exported.error();
 }
 
-HttpResponse Export(const ApiParts& parts, const ApiRequest& request, std::mutex& one) {
+HttpResponse Export(const ApiParts& parts, const ApiRequest& request, Exporter& exporter) {
   const std::string& capture = request.path.at("capture");
   const std::string& format = request.query.at("format");
   const auto folder = BestReconstruction(parts, capture);
@@ -104,8 +131,9 @@ HttpResponse Export(const ApiParts& parts, const ApiRequest& request, std::mutex
   if (is_ply) {
     response = FileAnswer(*folder / "points.ply", "application/octet-stream");
   } else {
-    // It takes memory, and a handler's thread for some seconds: one at a time.
-    const std::unique_lock only(one, std::try_to_lock);
+    response.held = exporter.archives.Take();
+    if (!response.held) return Busy("others are taking as many exports as there may be");
+    const std::unique_lock only(exporter.one, std::try_to_lock);
     if (!only) return Busy("another export is being made");
     Result<std::string> tar = Archive(*folder, format);
     if (!tar) return Problem(tar.error());
@@ -134,7 +162,7 @@ HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& reques
 
 /// What reads one capture.
 std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
-  const auto one_export = std::make_shared<std::mutex>();
+  const auto exporter = std::make_shared<Exporter>();
   return {
       {.method = "GET",
        .path = "/v1/captures/{capture}",
@@ -173,8 +201,8 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
            "The capture's `reconstruction` for other programs: a tar archive, or the PLY file",
        .query = {{"format", "What to write", ExportFormats(), true}},
        .content_type = "application/octet-stream",
-       .handle = [parts, one_export](const ApiRequest& request) {
-         return Export(parts, request, *one_export);
+       .handle = [parts, exporter](const ApiRequest& request) {
+         return Export(parts, request, *exporter);
        }}};
 }
 

@@ -95,6 +95,8 @@ template <typename Body>
 struct Answer {
   http::response<Body> response;
   std::optional<http::response_serializer<Body>> serializer;  // made when `response` is whole
+  Clock::time_point deadline = {};                            // for all of it
+  std::shared_ptr<const void> held = nullptr;
 };
 
 }  // namespace
@@ -275,7 +277,7 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
     }
     if (response.stream) return SendStream(std::move(response));
     if (response.file) return SendFile(std::move(response));
-    SendBody(response);
+    SendBody(std::move(response));
   }
 
   template <typename Body>
@@ -293,13 +295,21 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
     message.keep_alive(keep_alive_ && !ending_);
   }
 
-  void SendBody(const HttpResponse& response) {
+  void SendBody(HttpResponse response) {
     auto answer = std::make_shared<Answer<http::string_body>>();
     SetHeaders(response, answer->response);
-    answer->response.body() = response.body;
+    answer->held = std::move(response.held);
+    answer->deadline = DeadlineFor(response.body.size());
+    answer->response.body() = std::move(response.body);
     answer->response.prepare_payload();
     answer->serializer.emplace(answer->response);
     Write(std::move(answer));
+  }
+
+  Clock::time_point DeadlineFor(uint64_t bytes) const {
+    const auto rate = static_cast<uint64_t>(server_.options.limits.least_bytes_per_s);
+    return Clock::now() + milliseconds(server_.options.limits.write_ms) +
+           milliseconds(1000 * bytes / rate);
   }
 
   void SendFile(HttpResponse response) {
@@ -311,16 +321,18 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
                               response.file->filename().string() + ": " + error.message()));
     }
     SetHeaders(response, answer->response);
+    answer->deadline = DeadlineFor(answer->response.body().size());
     answer->response.prepare_payload();
     answer->serializer.emplace(answer->response);
     Write(std::move(answer));
   }
 
   /// Piece by piece: each has its own time, so that a large answer may take long and a client that
-  /// takes nothing may not.
+  /// takes nothing may not; all together have theirs, for a client that takes next to nothing.
   template <typename Body>
   void Write(std::shared_ptr<Answer<Body>> answer) {
-    stream_.expires_after(milliseconds(server_.options.limits.write_ms));
+    const auto piece = Clock::now() + milliseconds(server_.options.limits.write_ms);
+    stream_.expires_at(std::min(piece, answer->deadline));
     http::async_write_some(
         stream_, *answer->serializer,
         [self = shared_from_this(), answer](beast::error_code error, size_t bytes) {

@@ -18,9 +18,11 @@ struct HttpLimits {
   int header_bytes = 16 * 1024;
   int body_bytes = 1024 * 1024;
   int connections = 128;
-  int streams = 64;          // of the connections; the others stay free for requests
-  int request_ms = 15000;    // for a request to arrive, after the connection or the last answer
-  int write_ms = 15000;      // for a client to take the next piece of an answer
+  int streams = 64;        // of the connections; the others stay free for requests
+  int request_ms = 15000;  // for a request to arrive, after the connection or the last answer
+  int write_ms = 15000;    // for a client to take the next piece of an answer
+  // On the whole an answer must be taken at this rate: a large one may take long, but not for ever.
+  int least_bytes_per_s = 50000;
   int heartbeat_ms = 15000;  // a stream on which nothing happens says so
   int handler_threads = 4;
 };

@@ -10,6 +10,7 @@
 
 #include <atomic>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <random>
@@ -237,6 +238,52 @@ TEST_F(HttpServerTest, AClientThatTakesNothingLosesItsConnectionAndHoldsUpNobody
   EXPECT_LT(lazy.ReadAll().size(), 50000000u);
   // One that reads gets all of it, however long that takes.
   EXPECT_EQ(Ask(Socket(), "GET", "/large").body.size(), 50000000u);
+}
+
+TEST_F(HttpServerTest, AClientThatTakesNextToNothingLosesItsConnectionInTheEnd) {
+  constexpr size_t kLarge = 20000000;
+  options_.limits.write_ms = kSoon_ms;
+  options_.limits.least_bytes_per_s = std::numeric_limits<int>::max();
+  options_.handle = [](const HttpRequest&) {
+    HttpResponse response;
+    response.body = std::string(kLarge, 'x');
+    return response;
+  };
+  Start();
+  UnixConnection miser(Socket());
+  miser.Send(kGet);
+  size_t taken = 0;
+  while (Log().empty()) {  // each piece in time
+    taken += miser.Read(4000).size();
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+  EXPECT_EQ(Log().back().status, 0) << "given up";
+  EXPECT_LT(taken, kLarge);
+}
+
+TEST_F(HttpServerTest, WhatAnAnswerHoldsIsKeptUntilItIsTakenOrItsClientHasGone) {
+  constexpr size_t kLarge = 20000000;
+  std::atomic<int> held = 0;
+  options_.handle = [&held](const HttpRequest&) {
+    HttpResponse response;
+    response.body = std::string(kLarge, 'x');
+    ++held;
+    response.held = std::shared_ptr<const void>(&held, [&held](const void*) { --held; });
+    return response;
+  };
+  Start();
+  {
+    UnixConnection goes(Socket()), takes(Socket());
+    goes.Send(kGet);
+    takes.Send(kGet);
+    EXPECT_EQ(goes.Read(10).size(), 10u);
+    EXPECT_EQ(takes.Read(10).size(), 10u);
+    EXPECT_EQ(held, 2);
+    takes.Read(kLarge);
+    while (held == 2) std::this_thread::sleep_for(milliseconds(1));
+    EXPECT_EQ(held, 1);
+  }
+  while (held > 0) std::this_thread::sleep_for(milliseconds(1));
 }
 
 TEST_F(HttpServerTest, TooManyConnectionsAreTurnedAway) {
