@@ -50,6 +50,7 @@ constexpr size_t kDiscardBytes = size_t{1} << 20;
 constexpr auto kDiscardPatience = milliseconds(1000);
 constexpr int kBacklog = 64;
 constexpr int kHttp11 = 11;
+constexpr int kOperatorsShare = 8;  // one in so many places
 
 /// Groups of the process at the other end, supplementary ones too, when it connected.
 std::vector<gid_t> PeerGroups(int fd, gid_t primary) {
@@ -81,6 +82,11 @@ Peer PeerOf(int fd, const HttpAccess& access) {
     peer.role = Role::kViewer;
   }
   return peer;
+}
+
+/// How many of `all` places there are for one with this role.
+uint64_t PlacesFor(Role role, int all) {
+  return static_cast<uint64_t>(role == Role::kOperator ? all : all - all / kOperatorsShare);
 }
 
 std::string Printable(beast::string_view text) {
@@ -136,12 +142,12 @@ struct HttpServer::Impl {
 /// One connection. Kept by the operations it waits for; all members run in the input/output thread.
 class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
  public:
-  Session(Impl& server, Socket socket)
+  Session(Impl& server, Socket socket, const Peer& peer)
       : server_(server),
         stream_(std::move(socket)),
         buffer_(static_cast<size_t>(server.options.limits.header_bytes) + 65536),
+        peer_(peer),
         heartbeat_(server.io) {
-    peer_ = PeerOf(stream_.socket().native_handle(), server.access);
     server_.sessions.insert(this);
     ++server_.connections;
   }
@@ -270,9 +276,9 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
   }
 
   void Send(HttpResponse response) {
-    if (response.stream &&
-        server_.streams >= static_cast<uint64_t>(server_.options.limits.streams)) {
-      response = Problem(503, "there are " + std::to_string(server_.options.limits.streams) +
+    const uint64_t places = PlacesFor(peer_.role, server_.options.limits.streams);
+    if (response.stream && server_.streams >= places) {
+      response = Problem(503, "there are " + std::to_string(server_.streams) +
                                   " event streams already; close one");
     }
     if (response.stream) return SendStream(std::move(response));
@@ -490,17 +496,21 @@ void HttpServer::Impl::Accept() {
 }
 
 void HttpServer::Impl::Accepted(Socket socket) {
-  if (connections < static_cast<uint64_t>(options.limits.connections)) {
-    std::make_shared<Session>(*this, std::move(socket))->Read();
+  const Peer peer = PeerOf(socket.native_handle(), access);
+  if (connections < PlacesFor(peer.role, options.limits.connections)) {
+    std::make_shared<Session>(*this, std::move(socket), peer)->Read();
     return;
   }
   ++refused;
-  static constexpr char kFull[] =
-      "HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nRetry-After: 1\r\n"
-      "Connection: close\r\n\r\n";
+  const HttpResponse problem =
+      Problem(503, "there are " + std::to_string(connections) + " connections already; close one");
+  const std::string answer =
+      "HTTP/1.1 503 Service Unavailable\r\nContent-Type: " + problem.content_type +
+      "\r\nContent-Length: " + std::to_string(problem.body.size()) +
+      "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n" + problem.body;
   beast::error_code ignored;
   socket.non_blocking(true, ignored);
-  socket.write_some(net::buffer(kFull, sizeof(kFull) - 1), ignored);
+  socket.write_some(net::buffer(answer), ignored);
 }
 
 void HttpServer::Impl::Beat() {

@@ -13,7 +13,8 @@
 
 namespace rotunda::daemon {
 
-/// What one client may cost.
+/// What clients may cost. Of connections and of streams an eighth is for operators alone, so that
+/// viewers cannot keep them out.
 struct HttpLimits {
   int header_bytes = 16 * 1024;
   int body_bytes = 1024 * 1024;

@@ -5,6 +5,7 @@
 #include <grp.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -63,6 +64,18 @@ class HttpServerTest : public testing::Test {
     server_->Serve();
   }
   std::filesystem::path Socket() const { return folder_ / "s"; }
+  /// A connection that the server has seen; nothing was asked on it.
+  std::unique_ptr<UnixConnection> Idle() {
+    const HttpCounters before = server_->counters();
+    auto connection = std::make_unique<UnixConnection>(Socket());
+    const auto seen = [&] {
+      const HttpCounters now = server_->counters();
+      return now.connections > before.connections ||
+             now.refused_connections > before.refused_connections;
+    };
+    while (!seen()) std::this_thread::sleep_for(milliseconds(1));
+    return connection;
+  }
   std::vector<AccessEntry> Log() {
     const std::lock_guard lock(mutex_);
     return log_;
@@ -296,11 +309,58 @@ TEST_F(HttpServerTest, TooManyConnectionsAreTurnedAway) {
     EXPECT_EQ(ReadAnswer(*taken.back()).status, 200);
   }
   UnixConnection one_more(Socket());
-  EXPECT_EQ(ReadAnswer(one_more).status, 503);
+  const UnixHttpAnswer refusal = ReadAnswer(one_more);
+  EXPECT_EQ(refusal.status, 503);
+  EXPECT_EQ(refusal.headers.at("content-type"), "application/problem+json");
+  EXPECT_NE(refusal.body.find("3 connections"), std::string::npos) << refusal.body;
   EXPECT_EQ(server_->counters().refused_connections, 1u);
   taken.pop_back();
   while (server_->counters().connections == 3) std::this_thread::sleep_for(milliseconds(1));
   EXPECT_EQ(Ask(Socket(), "GET", "/").status, 200);
+}
+
+/// Makes this thread, and no other, another user while it lives: the kernel tells the server who
+/// connected when.
+class AsUser {
+ public:
+  AsUser(uid_t user, gid_t group) {
+    syscall(SYS_setresgid, -1, group, -1);
+    syscall(SYS_setresuid, -1, user, -1);
+  }
+  ~AsUser() {
+    syscall(SYS_setresuid, -1, 0, -1);
+    syscall(SYS_setresgid, -1, 0, -1);
+  }
+  AsUser(const AsUser&) = delete;
+  AsUser& operator=(const AsUser&) = delete;
+};
+
+TEST_F(HttpServerTest, ViewersCannotTakeThePlacesOfOperators) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root to become other users";
+  constexpr gid_t kViewers = 54321;
+  constexpr uid_t kNobody = 65534;
+  options_.limits.connections = 16;
+  options_.limits.streams = 8;
+  options_.access = {{kViewers}, {}};
+  ServeStream();
+  Start();
+  chmod(folder_.path().c_str(), 0755);
+  chmod(Socket().c_str(), 0666);
+  std::vector<std::unique_ptr<UnixConnection>> all;
+  const auto open = [&] {
+    all.push_back(std::make_unique<UnixConnection>(Socket()));
+    all.back()->Send(kGet);
+    return ReadAnswer(*all.back()).status;  // of a stream without waiting for its end
+  };
+  {
+    const AsUser viewer(kNobody, kViewers);
+    for (int i = 0; i < 7; ++i) EXPECT_EQ(open(), 200) << i;
+    EXPECT_EQ(open(), 503) << "the eighth stream";
+    while (server_->counters().connections < 14) all.push_back(Idle());
+    EXPECT_EQ(ReadAnswer(*Idle()).status, 503) << "the fifteenth connection";
+  }
+  EXPECT_EQ(open(), 200) << "an operator's stream";
+  EXPECT_EQ(server_->counters().streams, 8u);
 }
 
 TEST_F(HttpServerTest, FilesAreSentWhole) {
