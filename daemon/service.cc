@@ -177,6 +177,7 @@ Status Service::StartStore() {
   const config::DaemonConfig::Drift& drift = options_.config.drift;
   options.drift = {drift.position_mm, drift.rotation_deg, static_cast<size_t>(drift.captures)};
   options.follow_up = CaptureFollowUp;
+  options.still_opening = options_.still_starting;
   ROTUNDA_ASSIGN_OR_RETURN(parts_->store, Store::Open(std::move(options), parts_->events));
   LogRecovery(log_, parts_->store->recovery());
   return {};
