@@ -100,7 +100,7 @@ class Housekeeper {
       changed_ = false;
       const RetentionPolicy policy = policy_;
       lock.unlock();
-      const auto removed = ApplyRetention(store_, policy);
+      const auto removed = ApplyRetention(store_, policy, stop);
       if (!removed) log_.error("retention: {}", removed.error().ToString());
       const auto pruned = PruneJobs(store_, kKeptJobs);
       if (!pruned) log_.error("old jobs: {}", pruned.error().ToString());
