@@ -151,7 +151,7 @@ HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& reques
   if (const auto capture = FindCapture(parts.store, id); !capture) return Problem(capture.error());
   const std::string& text = request.http.body;
   Result<nlohmann::json> body = ParseJson(text.empty() ? "{}" : text, "body");
-  if (!body) return Problem(body.error());
+  if (!body) return Problem(400, body.error().ToString());
   if (!body->is_object()) return Problem(400, "body: expected a JSON object");
   if (body->contains("capture")) {
     return Problem(422, "body: 'capture' is not known here; the path says which");

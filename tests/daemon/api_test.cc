@@ -296,6 +296,18 @@ TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
   EXPECT_EQ(Call("GET", "/v1/status", "{}").status, 400) << "takes no body";
 }
 
+TEST_F(Api, ABrokenFileOfOursIsNotTheCallersFault) {
+  Fill();
+  std::ofstream(state_.store().CalibrationFolder(kCalibration) / "calibration.json") << "{";
+  const HttpResponse activate =
+      Call("POST", "/v1/calibrations/" + std::string(kCalibration) + "/activate");
+  EXPECT_EQ(activate.status, 500);
+  EXPECT_NE(activate.body.find("calibration.json"), std::string::npos) << activate.body;
+  for (const char* body : {"{", "\xff", "{\"a\":1,\"a\":2}"}) {
+    EXPECT_EQ(Call("POST", "/v1/captures", body).status, 400) << body;
+  }
+}
+
 TEST_F(Api, RolesGuardWhatActs) {
   Fill();
   for (const Route& route : router_->routes()) {

@@ -1,5 +1,3 @@
-#include "daemon/systemd_notify.h"
-
 #include <gtest/gtest.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -9,6 +7,7 @@
 #include <cstring>
 #include <string>
 
+#include "daemon/systemd_notify.h"
 #include "tests/support/process.h"
 
 namespace rotunda::daemon {
