@@ -16,6 +16,7 @@
 #include <optional>
 #include <set>
 #include <thread>
+#include <type_traits>
 #include <utility>
 // <utility> must be there before Boost 1.74's Asio under C++20.
 #include <boost/asio/io_context.hpp>
@@ -48,6 +49,8 @@ constexpr auto kAcceptPause = milliseconds(100);
 // What a refused client may still send before the connection is closed on it, so that it reads why.
 constexpr size_t kDiscardBytes = size_t{1} << 20;
 constexpr auto kDiscardPatience = milliseconds(1000);
+// Of a file, in memory at a time for each client that takes one.
+constexpr uint64_t kFilePieceBytes = uint64_t{1} << 18;
 constexpr int kBacklog = 64;
 constexpr int kHttp11 = 11;
 constexpr int kOperatorsShare = 8;  // one in so many places
@@ -103,6 +106,14 @@ struct Answer {
   std::optional<http::response_serializer<Body>> serializer;  // made when `response` is whole
   Clock::time_point deadline = {};                            // for all of it
   std::shared_ptr<const void> held = nullptr;
+};
+
+/// A file on its way. Handlers' threads read it, a piece when the one before was taken: a disk that
+/// is slow or hangs holds up nobody else.
+struct FileAnswer : Answer<http::buffer_body> {
+  beast::file file;
+  uint64_t left_bytes = 0;
+  std::vector<char> piece;
 };
 
 }  // namespace
@@ -319,30 +330,66 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
   }
 
   void SendFile(HttpResponse response) {
-    auto answer = std::make_shared<Answer<http::file_body>>();
-    beast::error_code error;
-    answer->response.body().open(response.file->c_str(), beast::file_mode::scan, error);
+    net::post(server_.handlers, [self = shared_from_this(), response = std::move(response)] {
+      auto answer = std::make_shared<FileAnswer>();
+      beast::error_code error;
+      answer->file.open(response.file->c_str(), beast::file_mode::scan, error);
+      if (!error) answer->left_bytes = answer->file.size(error);
+      net::post(self->server_.io,
+                [self, response, answer, error] { self->OnFile(response, answer, error); });
+    });
+  }
+
+  void OnFile(const HttpResponse& response, const std::shared_ptr<FileAnswer>& answer,
+              beast::error_code error) {
     if (error) {
       return SendBody(Problem(error == beast::errc::no_such_file_or_directory ? 404 : 503,
                               response.file->filename().string() + ": " + error.message()));
     }
     SetHeaders(response, answer->response);
-    answer->deadline = DeadlineFor(answer->response.body().size());
-    answer->response.prepare_payload();
+    answer->deadline = DeadlineFor(answer->left_bytes);
+    answer->response.content_length(answer->left_bytes);
     answer->serializer.emplace(answer->response);
-    Write(std::move(answer));
+    ReadPiece(answer);
+  }
+
+  void ReadPiece(const std::shared_ptr<FileAnswer>& answer) {
+    net::post(server_.handlers, [self = shared_from_this(), answer] {
+      const uint64_t bytes = std::min(kFilePieceBytes, answer->left_bytes);
+      answer->piece.resize(bytes);
+      beast::error_code error;
+      const size_t read = bytes > 0 ? answer->file.read(answer->piece.data(), bytes, error) : 0;
+      const bool is_whole = !error && read == bytes;
+      net::post(self->server_.io, [self, answer, is_whole] {
+        // Cut off, so that the client does not take it for the whole file.
+        if (!is_whole) return self->OnWriteError();
+        self->OnFilePiece(answer);
+      });
+    });
+  }
+
+  void OnFilePiece(const std::shared_ptr<FileAnswer>& answer) {
+    answer->left_bytes -= answer->piece.size();
+    http::buffer_body::value_type& body = answer->response.body();
+    body.data = answer->piece.data();
+    body.size = answer->piece.size();
+    body.more = answer->left_bytes > 0;
+    Write(answer);
   }
 
   /// Piece by piece: each has its own time, so that a large answer may take long and a client that
   /// takes nothing may not; all together have theirs, for a client that takes next to nothing.
-  template <typename Body>
-  void Write(std::shared_ptr<Answer<Body>> answer) {
+  template <typename AnyAnswer>
+  void Write(std::shared_ptr<AnyAnswer> answer) {
     const auto piece = Clock::now() + milliseconds(server_.options.limits.write_ms);
     stream_.expires_at(std::min(piece, answer->deadline));
     http::async_write_some(
         stream_, *answer->serializer,
         [self = shared_from_this(), answer](beast::error_code error, size_t bytes) {
           self->sent_bytes_ += bytes;
+          if constexpr (std::is_same_v<AnyAnswer, FileAnswer>) {
+            if (error == http::error::need_buffer) return self->ReadPiece(answer);
+          }
           if (error) return self->OnWriteError();
           if (!answer->serializer->is_done()) return self->Write(answer);
           self->OnAnswered(answer->response.keep_alive());

@@ -377,6 +377,48 @@ TEST_F(HttpServerTest, FilesAreSentWhole) {
   EXPECT_TRUE(there.body == bytes) << there.body.size() << " bytes";
   EXPECT_EQ(there.headers.at("content-type"), "image/png");
   EXPECT_EQ(Ask(Socket(), "GET", "/gone").status, 404);
+  std::ofstream(folder_ / "empty") << "";
+  UnixConnection connection(Socket());
+  for (const size_t size : {size_t{0}, bytes.size(), size_t{0}}) {
+    connection.Send("GET /" + std::string(size > 0 ? "there" : "empty") +
+                    " HTTP/1.1\r\nHost: h\r\n\r\n");
+    const UnixHttpAnswer answer = ReadAnswer(connection);
+    EXPECT_EQ(answer.status, 200);
+    EXPECT_EQ(answer.body.size(), size);
+  }
+}
+
+TEST_F(HttpServerTest, AFileThatIsShorterThanItWasIsNotTakenForWhole) {
+  constexpr size_t kLarge = 20000000;
+  std::ofstream(folder_ / "shrinks") << std::string(kLarge, 'y');
+  options_.handle = [this](const HttpRequest&) {
+    HttpResponse response;
+    response.file = folder_ / "shrinks";
+    return response;
+  };
+  Start();
+  UnixConnection connection(Socket());
+  connection.Send(kGet);
+  EXPECT_EQ(connection.Read(10).size(), 10u);
+  std::filesystem::resize_file(folder_ / "shrinks", 10);
+  EXPECT_LT(connection.ReadAll().size(), kLarge);
+  EXPECT_TRUE(connection.closed());
+}
+
+TEST_F(HttpServerTest, AFileThatHangsHoldsUpNobodyElse) {
+  std::ofstream(folder_ / "there") << "picture";
+  ASSERT_EQ(mkfifo((folder_ / "hangs").c_str(), 0600), 0);  // until somebody writes
+  options_.handle = [this](const HttpRequest& request) {
+    HttpResponse response;
+    response.file = folder_ / request.target.substr(1);
+    return response;
+  };
+  Start();
+  UnixConnection waits(Socket());
+  waits.Send("GET /hangs HTTP/1.1\r\nHost: h\r\n\r\n");
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(Ask(Socket(), "GET", "/there").body, "picture");
+  std::ofstream(folder_ / "hangs") << "";
+  EXPECT_NE(ReadAnswer(waits).status, 0);
 }
 
 TEST_F(HttpServerTest, AHandlerThatThrowsIsAnAnswerToo) {
