@@ -154,6 +154,7 @@ CheckedDaemonConfig CheckDaemonConfig(const fs::path& file) {
   if (const Result<std::string> capture = ReadFile(devices.capture)) {
     CheckedCaptureOptions options = CheckCaptureOptions(*capture, devices.capture);
     checked.config.capture = std::move(options.options);
+    checked.config.capture_text = *capture;
     problems.insert(problems.end(), options.problems.begin(), options.problems.end());
   } else {
     problems.push_back(capture.error().In("devices.capture"));
@@ -184,6 +185,9 @@ std::vector<std::string> NeedsRestart(const DaemonConfig& running, const DaemonC
           field.target);
       if (!same) keys.push_back(key);
     }
+  }
+  if (running.capture_text != wanted.capture_text) {
+    keys.push_back("what devices.capture, " + wanted.devices.capture + ", says");
   }
   return keys;
 }

@@ -62,6 +62,7 @@ struct DaemonConfig {
   } jobs;
 
   rig::CaptureOptions capture;  // what the file `devices.capture` says
+  std::string capture_text;     // that file
 };
 
 /// The configuration in `file` and in the files it names, or all that is wrong with them: file,

@@ -3,18 +3,22 @@
 #include <algorithm>
 #include <charconv>
 
+#include "sfm/core/json_reader.h"
+
 namespace rotunda::daemon {
 namespace {
 
 constexpr size_t kMaxKeyLength = 200;
+// About what a job takes.
+constexpr char kQueueRetry_s[] = "60";
 
 bool IsKey(const std::string& text) {
   return text.size() <= kMaxKeyLength &&
          std::all_of(text.begin(), text.end(), [](char c) { return c > 0x20 && c < 0x7F; });
 }
 
-/// A request that cannot become a job. JSON that cannot be read is the caller's 400; a value or an
-/// id in it that is not right 422; no room on the disk 507.
+/// A request that can be read and cannot become a job: a value or an id in it that is not right
+/// 422, too many jobs 503, no room on the disk 507.
 HttpResponse Refusal(const Error& error) {
   switch (error.code) {
     case ErrorCode::kInvalidArgument:
@@ -22,6 +26,8 @@ HttpResponse Refusal(const Error& error) {
       return Problem(422, error.ToString());
     case ErrorCode::kIo:
       return Problem(507, error.ToString());
+    case ErrorCode::kFailed:
+      return QueueFull(error);
     default:
       return Problem(error);
   }
@@ -46,6 +52,12 @@ HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& co
 HttpResponse Busy(const std::string& with_what) {
   HttpResponse response = Problem(503, with_what + "; try again in a second");
   response.headers.emplace_back("Retry-After", "1");
+  return response;
+}
+
+HttpResponse QueueFull(const Error& error) {
+  HttpResponse response = Problem(503, error.ToString());
+  response.headers.emplace_back("Retry-After", kQueueRetry_s);
   return response;
 }
 
@@ -84,7 +96,11 @@ HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& b
     return Problem(400, "Idempotency-Key: expected at most " + std::to_string(kMaxKeyLength) +
                             " printable characters without spaces");
   }
-  const Result<JobRecord> job = parts.jobs.Submit(kind, body.empty() ? "{}" : body, key);
+  const std::string text = body.empty() ? "{}" : body;
+  if (const auto json = ParseJson(text, "body"); !json) {
+    return Problem(400, json.error().ToString());
+  }
+  const Result<JobRecord> job = parts.jobs.Submit(kind, text, key);
   if (!job) return Refusal(job.error());
   HttpResponse response = JsonAnswer(ToJson(*job), 202);
   response.headers.emplace_back("Location", "/v1/jobs/" + std::to_string(job->number));

@@ -24,6 +24,9 @@ HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& co
 /// 503: what is only done once at a time is being done.
 HttpResponse Busy(const std::string& with_what);
 
+/// 503: so many jobs wait that no more are taken.
+HttpResponse QueueFull(const Error& error);
+
 /// `limit` and `after` of every list.
 std::vector<QueryParameter> PageQuery();
 Result<Page> PageOf(const ApiRequest& request);

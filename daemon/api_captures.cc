@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <atomic>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
@@ -16,6 +17,9 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
+
+// In memory until their clients have taken them, 100 MB each for a full rig.
+constexpr int kMaxArchives = 4;
 
 HttpResponse List(const ApiParts& parts, const ApiRequest& request) {
   const Result<Page> page = PageOf(request);
@@ -50,8 +54,8 @@ HttpResponse Picture(const ApiParts& parts, const ApiRequest& request) {
   return FileAnswer(parts.store.options().state_folder / found->file, "image/png");
 }
 
-/// The folder of the capture's newest reconstruction.
-Result<fs::path> NewestReconstruction(const ApiParts& parts, const std::string& id) {
+/// The folder of the reconstruction that speaks for the capture.
+Result<fs::path> BestReconstruction(const ApiParts& parts, const std::string& id) {
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(parts.store, id));
   if (capture.reconstruction) return parts.store.ReconstructionFolder(*capture.reconstruction);
   return Error{ErrorCode::kNotFound,
@@ -60,7 +64,7 @@ Result<fs::path> NewestReconstruction(const ApiParts& parts, const std::string& 
 
 HttpResponse ResultFile(const ApiParts& parts, const ApiRequest& request, const std::string& file,
                         const std::string& content_type) {
-  const auto folder = NewestReconstruction(parts, request.path.at("capture"));
+  const auto folder = BestReconstruction(parts, request.path.at("capture"));
   return folder ? FileAnswer(*folder / file, content_type) : Problem(folder.error());
 }
 
@@ -84,6 +88,29 @@ class ScratchFolder {
   fs::path path_;
 };
 
+/// A few of what costs memory: each is taken as long as there is one and comes back by itself.
+class Places {
+ public:
+  explicit Places(int count) : free_(std::make_shared<std::atomic<int>>(count)) {}
+  /// Null: none is left.
+  std::shared_ptr<const void> Take() const {
+    if (--*free_ < 0) {
+      ++*free_;
+      return nullptr;
+    }
+    return {free_.get(), [free = free_](const void*) { ++*free; }};
+  }
+
+ private:
+  std::shared_ptr<std::atomic<int>> free_;
+};
+
+/// What exports are made with.
+struct Exporter {
+  std::mutex one;  // an export takes a handler's thread for some seconds
+  Places archives{kMaxArchives};
+};
+
 /// The reconstruction as `format`, a tar archive.
 Result<std::string> Archive(const fs::path& reconstruction, const std::string& format) {
   const ScratchFolder scratch;
@@ -94,18 +121,19 @@ Result<std::string> Archive(const fs::path& reconstruction, const std::string& f
   return exported ? TarOf(scratch.path()) : exported.error();
 }
 
-HttpResponse Export(const ApiParts& parts, const ApiRequest& request, std::mutex& one) {
+HttpResponse Export(const ApiParts& parts, const ApiRequest& request, Exporter& exporter) {
   const std::string& capture = request.path.at("capture");
   const std::string& format = request.query.at("format");
-  const auto folder = NewestReconstruction(parts, capture);
+  const auto folder = BestReconstruction(parts, capture);
   if (!folder) return Problem(folder.error());
   HttpResponse response;
   const bool is_ply = format == "ply";
   if (is_ply) {
     response = FileAnswer(*folder / "points.ply", "application/octet-stream");
   } else {
-    // It takes memory, and a handler's thread for some seconds: one at a time.
-    const std::unique_lock only(one, std::try_to_lock);
+    response.held = exporter.archives.Take();
+    if (!response.held) return Busy("others are taking as many exports as there may be");
+    const std::unique_lock only(exporter.one, std::try_to_lock);
     if (!only) return Busy("another export is being made");
     Result<std::string> tar = Archive(*folder, format);
     if (!tar) return Problem(tar.error());
@@ -123,7 +151,7 @@ HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& reques
   if (const auto capture = FindCapture(parts.store, id); !capture) return Problem(capture.error());
   const std::string& text = request.http.body;
   Result<nlohmann::json> body = ParseJson(text.empty() ? "{}" : text, "body");
-  if (!body) return Problem(body.error());
+  if (!body) return Problem(400, body.error().ToString());
   if (!body->is_object()) return Problem(400, "body: expected a JSON object");
   if (body->contains("capture")) {
     return Problem(422, "body: 'capture' is not known here; the path says which");
@@ -134,7 +162,7 @@ HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& reques
 
 /// What reads one capture.
 std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
-  const auto one_export = std::make_shared<std::mutex>();
+  const auto exporter = std::make_shared<Exporter>();
   return {
       {.method = "GET",
        .path = "/v1/captures/{capture}",
@@ -152,7 +180,7 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
       {.method = "GET",
        .path = "/v1/captures/{capture}/poses",
        .operation = "getPoses",
-       .summary = "Camera poses of the newest reconstruction (rotunda-poses/1)",
+       .summary = "Camera poses of the capture's `reconstruction` (rotunda-poses/1)",
        .handle =
            [parts](const ApiRequest& request) {
              return ResultFile(parts, request, "poses.json", "application/json");
@@ -160,7 +188,7 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
       {.method = "GET",
        .path = "/v1/captures/{capture}/report",
        .operation = "getReport",
-       .summary = "The page of the newest reconstruction, for a browser",
+       .summary = "The page of the capture's `reconstruction`, for a browser",
        .content_type = "text/html; charset=utf-8",
        .handle =
            [parts](const ApiRequest& request) {
@@ -169,11 +197,12 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
       {.method = "GET",
        .path = "/v1/captures/{capture}/export",
        .operation = "getExport",
-       .summary = "The newest reconstruction for other programs: a tar archive, or the PLY file",
+       .summary =
+           "The capture's `reconstruction` for other programs: a tar archive, or the PLY file",
        .query = {{"format", "What to write", ExportFormats(), true}},
        .content_type = "application/octet-stream",
-       .handle = [parts, one_export](const ApiRequest& request) {
-         return Export(parts, request, *one_export);
+       .handle = [parts, exporter](const ApiRequest& request) {
+         return Export(parts, request, *exporter);
        }}};
 }
 

@@ -39,7 +39,8 @@ HttpResponse List(const ApiParts& parts, const ApiRequest& request) {
                state == request.query.end() ? std::nullopt : JobStateFromName(state->second)));
 }
 
-/// Calls `act` with the job's number. What it refuses for the job's state is a conflict.
+/// Calls `act` with the job's number. What it refuses for the job's state is a conflict, what for
+/// the queue's (kFailed) is for later.
 template <typename Act>
 HttpResponse WithJob(const ApiRequest& request, const Act& act) {
   const std::string& text = request.path.at("job");
@@ -49,6 +50,7 @@ HttpResponse WithJob(const ApiRequest& request, const Act& act) {
   if (!job && job.error().code == ErrorCode::kInvalidArgument) {
     return Problem(409, job.error().ToString());
   }
+  if (!job && job.error().code == ErrorCode::kFailed) return QueueFull(job.error());
   return JsonAnswer(job);
 }
 
@@ -79,12 +81,11 @@ HttpResponse Events(const ApiParts& parts, const ApiRequest& request) {
   const std::string header = request.http.Header("last-event-id");
   const std::string from = header.empty() && query != request.query.end() ? query->second : header;
   std::optional<int64_t> after = Number(from);
-  if (from.empty()) {
-    const Result<int64_t> newest = LastEventNumber(parts.store);
-    if (!newest) return Problem(newest.error());
-    after = *newest;
-  }
-  if (!after) return Problem(400, "'" + from + "' is no number of an event");
+  if (!from.empty() && !after) return Problem(400, "'" + from + "' is no number of an event");
+  const Result<int64_t> newest = LastEventNumber(parts.store);
+  if (!newest) return Problem(newest.error());
+  // A number from before the store was restored from a backup may be one that is yet to come.
+  if (!after || *after > *newest) after = *newest;
   HttpResponse response;
   response.content_type = "text/event-stream";
   response.stream = EventsAfter(parts.store, *after);

@@ -1,4 +1,8 @@
+#include <sys/stat.h>
+
 #include <filesystem>
+#include <memory>
+#include <mutex>
 #include <sstream>
 #include <system_error>
 
@@ -13,6 +17,35 @@ namespace rotunda::daemon {
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+/// Whether the calibration in force can be read. Its file is parsed when it has changed, not at
+/// every look: fifty clients may ask for the status.
+class CalibrationCheck {
+ public:
+  /// What is wrong with it; empty: nothing.
+  std::string Problem(const Store& store, const std::string& id) {
+    const std::filesystem::path file = store.CalibrationFolder(id) / "calibration.json";
+    struct stat now {};
+    const bool is_there = ::stat(file.c_str(), &now) == 0;
+    const std::lock_guard lock(mutex_);
+    // The time of the last change of contents, owner or mode.
+    if (is_there && id == id_ && now.st_ctim.tv_sec == changed_.tv_sec &&
+        now.st_ctim.tv_nsec == changed_.tv_nsec) {
+      return problem_;
+    }
+    const Result<std::string> text = CalibrationText(store, id);
+    problem_ = text ? "" : text.error().ToString();
+    id_ = id;
+    changed_ = now.st_ctim;
+    return problem_;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::string id_;  // empty: nothing was looked at yet
+  timespec changed_ = {};
+  std::string problem_;
+};
 
 /// What status and metrics tell.
 struct Overview {
@@ -45,9 +78,10 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
     overview.problems.push_back("a shot cannot be written and waits in memory: " +
                                 trouble->error.ToString());
   }
-  std::error_code ignored;
-  overview.free_bytes =
-      std::filesystem::space(parts.store.options().state_folder, ignored).available;
+  std::error_code failure;
+  const auto space = std::filesystem::space(parts.store.options().state_folder, failure);
+  if (failure) overview.problems.push_back("the disk cannot be asked: " + failure.message());
+  overview.free_bytes = failure ? 0 : space.available;
   if (overview.free_bytes < parts.disk_reserve_bytes) {
     overview.problems.push_back(
         "the disk has less room than the reserve: captures are refused. Remove captures, or lower "
@@ -56,7 +90,7 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
 }
 
-Status LookAtStore(const ApiParts& parts, Overview& overview) {
+Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& overview) {
   Store& store = parts.store;
   ROTUNDA_ASSIGN_OR_RETURN(overview.calibration, ActiveCalibration(store));
   ROTUNDA_ASSIGN_OR_RETURN(overview.queued_jobs, CountJobs(store, JobState::kQueued));
@@ -75,19 +109,24 @@ Status LookAtStore(const ApiParts& parts, Overview& overview) {
     overview.problems.push_back(
         "no calibration is in force: poses have no scale, drift is not "
         "watched");
+    return {};
+  }
+  const std::string wrong = check.Problem(store, overview.calibration->id);
+  if (!wrong.empty()) {
+    overview.problems.push_back("captures are taken without the calibration in force: " + wrong);
   }
   return {};
 }
 
-Result<Overview> LookAround(const ApiParts& parts) {
+Result<Overview> LookAround(const ApiParts& parts, CalibrationCheck& check) {
   Overview overview;
   LookAtDevices(parts, overview);
-  ROTUNDA_RETURN_IF_ERROR(LookAtStore(parts, overview));
+  ROTUNDA_RETURN_IF_ERROR(LookAtStore(parts, check, overview));
   return overview;
 }
 
-HttpResponse StatusAnswer(const ApiParts& parts) {
-  const Result<Overview> overview = LookAround(parts);
+HttpResponse StatusAnswer(const ApiParts& parts, CalibrationCheck& check) {
+  const Result<Overview> overview = LookAround(parts, check);
   if (!overview) return Problem(overview.error());
   Json answer = {
       {"version", parts.version},
@@ -119,8 +158,8 @@ class Metrics {
   std::ostringstream text_;
 };
 
-HttpResponse MetricsAnswer(const ApiParts& parts) {
-  const Result<Overview> overview = LookAround(parts);
+HttpResponse MetricsAnswer(const ApiParts& parts, CalibrationCheck& check) {
+  const Result<Overview> overview = LookAround(parts, check);
   if (!overview) return Problem(overview.error());
   const HttpCounters http = parts.counters();
   Metrics metrics;
@@ -149,18 +188,19 @@ HttpResponse MetricsAnswer(const ApiParts& parts) {
 }  // namespace
 
 std::vector<Route> ServiceRoutes(const ApiParts& parts) {
+  const auto check = std::make_shared<CalibrationCheck>();
   return {{.method = "GET",
            .path = "/v1/status",
            .operation = "getStatus",
            .summary = "How the rig is: cameras, jobs, drift, disk, and what to see to",
            .schema = "Status",
-           .handle = [parts](const ApiRequest&) { return StatusAnswer(parts); }},
+           .handle = [parts, check](const ApiRequest&) { return StatusAnswer(parts, *check); }},
           {.method = "GET",
            .path = "/metrics",
            .operation = "getMetrics",
            .summary = "Figures for Prometheus",
            .content_type = "text/plain; version=0.0.4; charset=utf-8",
-           .handle = [parts](const ApiRequest&) { return MetricsAnswer(parts); }}};
+           .handle = [parts, check](const ApiRequest&) { return MetricsAnswer(parts, *check); }}};
 }
 
 std::vector<Route> ApiRoutes(const ApiParts& parts) {

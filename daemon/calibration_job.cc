@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cstdio>
 #include <map>
+#include <system_error>
 #include <utility>
 
 #include "config/board_config.h"
@@ -224,20 +225,25 @@ std::string ResultOf(const CalibrationRecord& record) {
 Result<std::string> Run(Store& store, const CalibrationJobOptions& options, const JobRecord& job,
                         JobContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(job.body));
-  if (!job.product.empty()) {
-    const auto made_before = FindCalibration(store, job.product);
-    if (made_before) return ResultOf(*made_before);
+  std::string id = job.product;
+  std::error_code ignored;
+  if (!id.empty() && fs::exists(store.CalibrationFolder(id) / "calibration.json", ignored)) {
+    // The run before had come to its end; whether to its row, too, does not matter.
+    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRecord made, RecordCalibration(store, id));
+    return ResultOf(made);
   }
   ROTUNDA_ASSIGN_OR_RETURN(const CalibrationTask task, TaskOf(store, request, options.board));
   ThreadPool pool(options.threads);
   RunContext run{pool, context.stop, context.progress};
   ROTUNDA_ASSIGN_OR_RETURN(CalibrationOutcome outcome, MakeCalibration(task, run));
-  Calibration& calibration = outcome.calibration;
-  ROTUNDA_ASSIGN_OR_RETURN(calibration.id,
-                           FreeCalibrationId(store, CalibrationIdOf(calibration.created_at)));
-  ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, calibration.id));
-  ROTUNDA_RETURN_IF_ERROR(WriteFolder(task, outcome, store.CalibrationFolder(calibration.id)));
-  ROTUNDA_RETURN_IF_ERROR(RecordCalibration(store, calibration.id));
+  if (id.empty()) {
+    ROTUNDA_ASSIGN_OR_RETURN(
+        id, FreeCalibrationId(store, CalibrationIdOf(outcome.calibration.created_at)));
+    ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
+  }
+  outcome.calibration.id = id;
+  ROTUNDA_RETURN_IF_ERROR(WriteFolder(task, outcome, store.CalibrationFolder(id)));
+  ROTUNDA_RETURN_IF_ERROR(RecordCalibration(store, id));
   return ResultOf(outcome);
 }
 
@@ -301,13 +307,17 @@ std::string CalibrationIdOf(const std::string& created_at) {
 
 JobHandler MakeCalibrationHandler(Store& store, CalibrationJobOptions options) {
   JobHandler handler;
-  handler.check = [&store](const std::string& body) -> Result<std::string> {
+  handler.check = [](const std::string& body) -> Result<std::string> {
+    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
+    return ToBody(request);
+  };
+  handler.refers = [&store](const std::string& body) -> Status {
     ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
     for (const std::string& id : request.captures) ROTUNDA_RETURN_IF_ERROR(FindCapture(store, id));
     for (const auto& id : {request.frame_from, request.intrinsics_from, request.compare}) {
       if (id) ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *id));
     }
-    return ToBody(request);
+    return {};
   };
   handler.run = [&store, options](const JobRecord& job, JobContext& context) {
     return Run(store, options, job, context);

@@ -69,6 +69,11 @@ std::string ToBody(const CaptureRequest& request) {
   return body.dump();
 }
 
+std::optional<NewJob> FollowUp(const CaptureRequest& request, const std::string& capture) {
+  if (!request.reconstruct) return std::nullopt;
+  return NewJob{JobKind::kReconstruction, ReconstructionBody(capture), ""};
+}
+
 /// Waits until all cameras are ready or patience is over.
 void WaitForCameras(rig::CaptureSession& session, milliseconds patience, JobContext& context) {
   const size_t all = session.options().cameras.size();
@@ -83,20 +88,26 @@ void WaitForCameras(rig::CaptureSession& session, milliseconds patience, JobCont
 
 /// Waits for the disk. A set that cannot be written stays in memory until it can, or the job is
 /// stopped; one that nothing is the matter with is written then all the same. What the writer has
-/// set aside is tried again too: `out` is the store's own folder, and somebody may mend it.
+/// set aside is tried again too: `out` is the store's own folder, and somebody may mend it. Tells
+/// of progress only when the writer shows some: one that hangs is a case for the watchdog.
 Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
                                     const std::filesystem::path& out, JobContext& context) {
   std::stop_source at_once;
   at_once.request_stop();
+  std::optional<uint64_t> told;
   while (true) {
     Result<rig::WrittenSet> written = writer.Wait(ticket, at_once.get_token());
     if (written) return written;
     const bool set_aside = written.error().code != ErrorCode::kCancelled;
+    const uint64_t signs = writer.signs_of_life();  // before the trouble, which changes first
     const auto trouble = writer.trouble();
     const bool in_trouble = set_aside || (trouble && trouble->out == out);
     if (context.stop.stop_requested() && in_trouble) break;
-    context.progress(trouble ? "waiting for the disk: " + trouble->error.ToString() : "writing", 0,
-                     1);
+    if (told != signs) {
+      context.progress(trouble ? "waiting for the disk: " + trouble->error.ToString() : "writing",
+                       0, 1);
+      told = signs;
+    }
     std::this_thread::sleep_for(set_aside ? kMendInterval : kPollInterval);
     if (set_aside) ROTUNDA_RETURN_IF_ERROR(writer.Redirect(ticket, out));
   }
@@ -131,11 +142,13 @@ Result<std::string> ToJpeg(const rig::CameraFrame& frame) {
   }
 }
 
-Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot) {
+Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot,
+              const std::vector<std::string>& notes) {
   Json result = {{"capture", capture.id},
                  {"ok", capture.ok_frames},
                  {"of", capture.frames},
                  {"complete", capture.ok_frames == capture.frames}};
+  if (!notes.empty()) result["notes"] = notes;
   if (!shot) return result;  // taken before the daemon was interrupted
   result["summary"] = shot->Summary();
   result["pulses"] = shot->pulses;
@@ -168,12 +181,14 @@ struct CaptureWork {
   Status CheckRoom() const {
     return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes);
   }
-  Result<rig::FrameSetOrder> Order(const std::string& id, const CaptureRequest& request) const;
+  /// `notes` gets what the operator is to know of it.
+  Result<rig::FrameSetOrder> Order(const std::string& id, const CaptureRequest& request,
+                                   std::vector<std::string>& notes) const;
   Result<std::string> Run(const JobRecord& job, JobContext& context) const;
 };
 
-Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id,
-                                              const CaptureRequest& request) const {
+Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id, const CaptureRequest& request,
+                                              std::vector<std::string>& notes) const {
   ROTUNDA_ASSIGN_OR_RETURN(const std::optional<CalibrationRecord> active, ActiveCalibration(store));
   rig::FrameSetOrder order;
   order.out = store.CaptureFolder(id);
@@ -181,7 +196,15 @@ Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id,
   order.captured_at = store.Now();
   order.subject = request.subject;
   order.trigger_source = station.TriggerSource();
-  if (active) order.calibration = store.CalibrationFolder(active->id) / "calibration.json";
+  if (!active) return order;
+  // Who stands there now may not come again: a calibration can be given to the reconstruction
+  // later.
+  Result<std::string> calibration = CalibrationText(store, active->id);
+  if (calibration) {
+    order.calibration = *std::move(calibration);
+  } else {
+    notes.push_back("taken without the calibration in force: " + calibration.error().ToString());
+  }
   return order;
 }
 
@@ -193,18 +216,18 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
     ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
   }
   std::optional<rig::Shot> shot;
+  std::vector<std::string> notes;
   std::error_code ignored;
   if (!std::filesystem::exists(store.CaptureFolder(id) / "frameset.json", ignored)) {
     ROTUNDA_RETURN_IF_ERROR(CheckRoom());
-    ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request));
+    ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request, notes));
     ROTUNDA_ASSIGN_OR_RETURN(CaptureStation::Taken taken, station.Take(std::move(order), context));
     shot = std::move(taken.shot);
   }
-  std::optional<NewJob> follow_up;
-  if (request.reconstruct) follow_up = {JobKind::kReconstruction, ReconstructionBody(id), ""};
+  const std::optional<NewJob> follow_up = FollowUp(request, id);
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture,
                            RecordInTheEnd(store, id, follow_up, context));
-  return ResultOf(capture, shot).dump(-1, ' ', false, Json::error_handler_t::replace);
+  return ResultOf(capture, shot, notes).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 }  // namespace
@@ -294,6 +317,11 @@ Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order, Job
   const auto ticket = writer_.Submit(std::move(order), std::move(shot));
   ROTUNDA_ASSIGN_OR_RETURN(taken.written, WaitForDisk(writer_, ticket, out, context));
   return taken;
+}
+
+std::optional<NewJob> CaptureFollowUp(const JobRecord& job) {
+  const Result<CaptureRequest> request = ParseCaptureRequest(job.body);
+  return request ? FollowUp(*request, job.product) : std::nullopt;
 }
 
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options) {

@@ -66,9 +66,13 @@ struct CaptureJobOptions {
   uint64_t disk_reserve_bytes = 0;
 };
 
+/// The reconstruction that a capture job asks for; nullopt: none. For StoreOptions.
+std::optional<NewJob> CaptureFollowUp(const JobRecord& job);
+
 /// POST /v1/captures {"subject": text?, "reconstruct": true?}. The set gets the calibration in
-/// force; its reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok",
-/// "of", "complete", "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
+/// force; when that cannot be read the shot is taken without it and "notes" says so. Its
+/// reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok", "of",
+/// "complete", "notes"?, "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
 /// "resent_packets"}, the figures of the shot only when it was taken in this run. `store` and
 /// `station` outlive the handler.
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options);

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -47,6 +48,8 @@ struct HttpResponse {
   std::string body = {};
   std::optional<std::filesystem::path> file = std::nullopt;
   StreamSource stream = nullptr;  // until the client goes or the server stops
+  // Let go when the body has been taken or its client has gone.
+  std::shared_ptr<const void> held = nullptr;
 };
 
 }  // namespace rotunda::daemon

@@ -9,7 +9,6 @@ namespace {
 int StatusOf(ErrorCode code) {
   switch (code) {
     case ErrorCode::kInvalidArgument:
-    case ErrorCode::kBadInput:
       return 400;
     case ErrorCode::kNotFound:
       return 404;
@@ -18,6 +17,7 @@ int StatusOf(ErrorCode code) {
     case ErrorCode::kIo:
     case ErrorCode::kCancelled:
       return 503;
+    case ErrorCode::kBadInput:
     case ErrorCode::kFailed:
       return 500;
   }

@@ -16,6 +16,7 @@
 #include <optional>
 #include <set>
 #include <thread>
+#include <type_traits>
 #include <utility>
 // <utility> must be there before Boost 1.74's Asio under C++20.
 #include <boost/asio/io_context.hpp>
@@ -48,8 +49,11 @@ constexpr auto kAcceptPause = milliseconds(100);
 // What a refused client may still send before the connection is closed on it, so that it reads why.
 constexpr size_t kDiscardBytes = size_t{1} << 20;
 constexpr auto kDiscardPatience = milliseconds(1000);
+// Of a file, in memory at a time for each client that takes one.
+constexpr uint64_t kFilePieceBytes = uint64_t{1} << 18;
 constexpr int kBacklog = 64;
 constexpr int kHttp11 = 11;
+constexpr int kOperatorsShare = 8;  // one in so many places
 
 /// Groups of the process at the other end, supplementary ones too, when it connected.
 std::vector<gid_t> PeerGroups(int fd, gid_t primary) {
@@ -83,6 +87,11 @@ Peer PeerOf(int fd, const HttpAccess& access) {
   return peer;
 }
 
+/// How many of `all` places there are for one with this role.
+uint64_t PlacesFor(Role role, int all) {
+  return static_cast<uint64_t>(role == Role::kOperator ? all : all - all / kOperatorsShare);
+}
+
 std::string Printable(beast::string_view text) {
   std::string printable(text.substr(0, std::min<size_t>(text.size(), 256)));
   for (char& byte : printable) {
@@ -95,6 +104,16 @@ template <typename Body>
 struct Answer {
   http::response<Body> response;
   std::optional<http::response_serializer<Body>> serializer;  // made when `response` is whole
+  Clock::time_point deadline = {};                            // for all of it
+  std::shared_ptr<const void> held = nullptr;
+};
+
+/// A file on its way. Handlers' threads read it, a piece when the one before was taken: a disk that
+/// is slow or hangs holds up nobody else.
+struct FileAnswer : Answer<http::buffer_body> {
+  beast::file file;
+  uint64_t left_bytes = 0;
+  std::vector<char> piece;
 };
 
 }  // namespace
@@ -134,12 +153,12 @@ struct HttpServer::Impl {
 /// One connection. Kept by the operations it waits for; all members run in the input/output thread.
 class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
  public:
-  Session(Impl& server, Socket socket)
+  Session(Impl& server, Socket socket, const Peer& peer)
       : server_(server),
         stream_(std::move(socket)),
         buffer_(static_cast<size_t>(server.options.limits.header_bytes) + 65536),
+        peer_(peer),
         heartbeat_(server.io) {
-    peer_ = PeerOf(stream_.socket().native_handle(), server.access);
     server_.sessions.insert(this);
     ++server_.connections;
   }
@@ -268,14 +287,14 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
   }
 
   void Send(HttpResponse response) {
-    if (response.stream &&
-        server_.streams >= static_cast<uint64_t>(server_.options.limits.streams)) {
-      response = Problem(503, "there are " + std::to_string(server_.options.limits.streams) +
+    const uint64_t places = PlacesFor(peer_.role, server_.options.limits.streams);
+    if (response.stream && server_.streams >= places) {
+      response = Problem(503, "there are " + std::to_string(server_.streams) +
                                   " event streams already; close one");
     }
     if (response.stream) return SendStream(std::move(response));
     if (response.file) return SendFile(std::move(response));
-    SendBody(response);
+    SendBody(std::move(response));
   }
 
   template <typename Body>
@@ -293,38 +312,84 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
     message.keep_alive(keep_alive_ && !ending_);
   }
 
-  void SendBody(const HttpResponse& response) {
+  void SendBody(HttpResponse response) {
     auto answer = std::make_shared<Answer<http::string_body>>();
     SetHeaders(response, answer->response);
-    answer->response.body() = response.body;
+    answer->held = std::move(response.held);
+    answer->deadline = DeadlineFor(response.body.size());
+    answer->response.body() = std::move(response.body);
     answer->response.prepare_payload();
     answer->serializer.emplace(answer->response);
     Write(std::move(answer));
   }
 
+  Clock::time_point DeadlineFor(uint64_t bytes) const {
+    const auto rate = static_cast<uint64_t>(server_.options.limits.least_bytes_per_s);
+    return Clock::now() + milliseconds(server_.options.limits.write_ms) +
+           milliseconds(1000 * bytes / rate);
+  }
+
   void SendFile(HttpResponse response) {
-    auto answer = std::make_shared<Answer<http::file_body>>();
-    beast::error_code error;
-    answer->response.body().open(response.file->c_str(), beast::file_mode::scan, error);
+    net::post(server_.handlers, [self = shared_from_this(), response = std::move(response)] {
+      auto answer = std::make_shared<FileAnswer>();
+      beast::error_code error;
+      answer->file.open(response.file->c_str(), beast::file_mode::scan, error);
+      if (!error) answer->left_bytes = answer->file.size(error);
+      net::post(self->server_.io,
+                [self, response, answer, error] { self->OnFile(response, answer, error); });
+    });
+  }
+
+  void OnFile(const HttpResponse& response, const std::shared_ptr<FileAnswer>& answer,
+              beast::error_code error) {
     if (error) {
       return SendBody(Problem(error == beast::errc::no_such_file_or_directory ? 404 : 503,
                               response.file->filename().string() + ": " + error.message()));
     }
     SetHeaders(response, answer->response);
-    answer->response.prepare_payload();
+    answer->deadline = DeadlineFor(answer->left_bytes);
+    answer->response.content_length(answer->left_bytes);
     answer->serializer.emplace(answer->response);
-    Write(std::move(answer));
+    ReadPiece(answer);
+  }
+
+  void ReadPiece(const std::shared_ptr<FileAnswer>& answer) {
+    net::post(server_.handlers, [self = shared_from_this(), answer] {
+      const uint64_t bytes = std::min(kFilePieceBytes, answer->left_bytes);
+      answer->piece.resize(bytes);
+      beast::error_code error;
+      const size_t read = bytes > 0 ? answer->file.read(answer->piece.data(), bytes, error) : 0;
+      const bool is_whole = !error && read == bytes;
+      net::post(self->server_.io, [self, answer, is_whole] {
+        // Cut off, so that the client does not take it for the whole file.
+        if (!is_whole) return self->OnWriteError();
+        self->OnFilePiece(answer);
+      });
+    });
+  }
+
+  void OnFilePiece(const std::shared_ptr<FileAnswer>& answer) {
+    answer->left_bytes -= answer->piece.size();
+    http::buffer_body::value_type& body = answer->response.body();
+    body.data = answer->piece.data();
+    body.size = answer->piece.size();
+    body.more = answer->left_bytes > 0;
+    Write(answer);
   }
 
   /// Piece by piece: each has its own time, so that a large answer may take long and a client that
-  /// takes nothing may not.
-  template <typename Body>
-  void Write(std::shared_ptr<Answer<Body>> answer) {
-    stream_.expires_after(milliseconds(server_.options.limits.write_ms));
+  /// takes nothing may not; all together have theirs, for a client that takes next to nothing.
+  template <typename AnyAnswer>
+  void Write(std::shared_ptr<AnyAnswer> answer) {
+    const auto piece = Clock::now() + milliseconds(server_.options.limits.write_ms);
+    stream_.expires_at(std::min(piece, answer->deadline));
     http::async_write_some(
         stream_, *answer->serializer,
         [self = shared_from_this(), answer](beast::error_code error, size_t bytes) {
           self->sent_bytes_ += bytes;
+          if constexpr (std::is_same_v<AnyAnswer, FileAnswer>) {
+            if (error == http::error::need_buffer) return self->ReadPiece(answer);
+          }
           if (error) return self->OnWriteError();
           if (!answer->serializer->is_done()) return self->Write(answer);
           self->OnAnswered(answer->response.keep_alive());
@@ -478,17 +543,21 @@ void HttpServer::Impl::Accept() {
 }
 
 void HttpServer::Impl::Accepted(Socket socket) {
-  if (connections < static_cast<uint64_t>(options.limits.connections)) {
-    std::make_shared<Session>(*this, std::move(socket))->Read();
+  const Peer peer = PeerOf(socket.native_handle(), access);
+  if (connections < PlacesFor(peer.role, options.limits.connections)) {
+    std::make_shared<Session>(*this, std::move(socket), peer)->Read();
     return;
   }
   ++refused;
-  static constexpr char kFull[] =
-      "HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nRetry-After: 1\r\n"
-      "Connection: close\r\n\r\n";
+  const HttpResponse problem =
+      Problem(503, "there are " + std::to_string(connections) + " connections already; close one");
+  const std::string answer =
+      "HTTP/1.1 503 Service Unavailable\r\nContent-Type: " + problem.content_type +
+      "\r\nContent-Length: " + std::to_string(problem.body.size()) +
+      "\r\nRetry-After: 1\r\nConnection: close\r\n\r\n" + problem.body;
   beast::error_code ignored;
   socket.non_blocking(true, ignored);
-  socket.write_some(net::buffer(kFull, sizeof(kFull) - 1), ignored);
+  socket.write_some(net::buffer(answer), ignored);
 }
 
 void HttpServer::Impl::Beat() {
@@ -531,13 +600,16 @@ Result<std::unique_ptr<HttpServer>> HttpServer::Start(int listening_fd, Options 
   beast::error_code error;
   impl.acceptor.assign(Protocol(), listening_fd, error);
   if (error) return Error{ErrorCode::kInvalidArgument, error.message(), "listening socket"};
-  impl.Accept();
   impl.Beat();
   impl.thread = std::thread([&impl] { impl.io.run(); });
   return server;
 }
 
 HttpServer::~HttpServer() { Stop(milliseconds(0)); }
+
+void HttpServer::Serve() {
+  net::post(impl_->io, [this] { impl_->Accept(); });
+}
 
 void HttpServer::SetAccess(HttpAccess access) {
   net::post(impl_->io, [this, access = std::move(access)] { impl_->access = access; });

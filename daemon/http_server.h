@@ -13,14 +13,17 @@
 
 namespace rotunda::daemon {
 
-/// What one client may cost.
+/// What clients may cost. Of connections and of streams an eighth is for operators alone, so that
+/// viewers cannot keep them out.
 struct HttpLimits {
   int header_bytes = 16 * 1024;
   int body_bytes = 1024 * 1024;
   int connections = 128;
-  int streams = 64;          // of the connections; the others stay free for requests
-  int request_ms = 15000;    // for a request to arrive, after the connection or the last answer
-  int write_ms = 15000;      // for a client to take the next piece of an answer
+  int streams = 64;        // of the connections; the others stay free for requests
+  int request_ms = 15000;  // for a request to arrive, after the connection or the last answer
+  int write_ms = 15000;    // for a client to take the next piece of an answer
+  // On the whole an answer must be taken at this rate: a large one may take long, but not for ever.
+  int least_bytes_per_s = 50000;
   int heartbeat_ms = 15000;  // a stream on which nothing happens says so
   int handler_threads = 4;
 };
@@ -60,13 +63,16 @@ class HttpServer {
     std::function<void(const AccessEntry&)> log;             // from the input/output thread
   };
 
-  /// Serves on a listening socket, which becomes the server's. kInvalidArgument: it is none.
+  /// A listening socket becomes the server's; clients wait until Serve(). kInvalidArgument: it is
+  /// none.
   static Result<std::unique_ptr<HttpServer>> Start(int listening_fd, Options options);
   /// Stops, without patience.
   ~HttpServer();
   HttpServer(const HttpServer&) = delete;
   HttpServer& operator=(const HttpServer&) = delete;
 
+  /// Takes connections from now on. Called once.
+  void Serve();
   /// Who may do what from now on; connections that are open keep their role.
   void SetAccess(HttpAccess access);
   /// Makes every stream ask its source. From any thread.

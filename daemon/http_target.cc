@@ -6,7 +6,7 @@
 namespace rotunda::daemon {
 namespace {
 
-Error Bad(const std::string& message) { return {ErrorCode::kBadInput, message, "target"}; }
+Error Bad(const std::string& message) { return {ErrorCode::kInvalidArgument, message, "target"}; }
 
 std::optional<int> HexDigit(char digit) {
   if (digit >= '0' && digit <= '9') return digit - '0';

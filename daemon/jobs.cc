@@ -25,15 +25,15 @@ class JobQueue::Worker {
   void Start() {
     thread_ = std::thread([this] { Run(); });
   }
-  void Stop() {
+  void RequestStop() {
     {
       const std::lock_guard lock(mutex_);
       quit_ = true;
       stop_.request_stop();
     }
     wake_.notify_all();
-    thread_.join();
   }
+  void Join() { thread_.join(); }
 
   void Wake() {
     {
@@ -183,7 +183,12 @@ JobQueue::JobQueue(Store& store, JobHandlers handlers, Options options)
 }
 
 JobQueue::~JobQueue() {
-  for (const auto& worker : workers_) worker->Stop();
+  RequestStop();
+  for (const auto& worker : workers_) worker->Join();
+}
+
+void JobQueue::RequestStop() {
+  for (const auto& worker : workers_) worker->RequestStop();
 }
 
 const JobHandler& JobQueue::HandlerOf(JobKind kind) const {
@@ -206,10 +211,20 @@ Result<JobRecord> JobQueue::Submit(JobKind kind, const std::string& body,
   if (!idempotency_key.empty()) {
     ROTUNDA_ASSIGN_OR_RETURN(known, FindJobByKey(store_, idempotency_key));
   }
+  if (!known) ROTUNDA_RETURN_IF_ERROR(CheckQueue());
+  if (!known && handler.refers) ROTUNDA_RETURN_IF_ERROR(handler.refers(checked));
   if (!known && handler.admit) ROTUNDA_RETURN_IF_ERROR(handler.admit());
   ROTUNDA_ASSIGN_OR_RETURN(JobRecord job, AddJob(store_, {kind, checked, idempotency_key}));
   Wake();
   return job;
+}
+
+Status JobQueue::CheckQueue() const {
+  ROTUNDA_ASSIGN_OR_RETURN(const size_t queued, CountJobs(store_, JobState::kQueued));
+  if (queued < options_.max_queued) return {};
+  return Error{ErrorCode::kFailed,
+               std::to_string(queued) + " jobs wait, which is all that may: wait, or cancel some",
+               ""};
 }
 
 Result<JobRecord> JobQueue::Cancel(int64_t number) {
@@ -219,6 +234,7 @@ Result<JobRecord> JobQueue::Cancel(int64_t number) {
 }
 
 Result<JobRecord> JobQueue::Rerun(int64_t number) {
+  ROTUNDA_RETURN_IF_ERROR(CheckQueue());
   ROTUNDA_ASSIGN_OR_RETURN(JobRecord job, RequeueJob(store_, number));
   Wake();
   return job;

@@ -22,14 +22,16 @@ struct JobContext {
 /// What jobs of one kind are.
 struct JobHandler {
   /// The body as it is stored (keys in order, defaults filled in), or what is wrong with the
-  /// request: kInvalidArgument names the field, kNotFound what it refers to. Run by the caller of
-  /// Submit().
+  /// request: kInvalidArgument names the field. Run by the caller of Submit().
   std::function<Result<std::string>(const std::string& body)> check;
   /// Whether new jobs can be taken now; not asked for one that was taken before. May be null.
   std::function<Status()> admit;
   /// Does the work; gives the result, a JSON object. A job that was interrupted comes again with
   /// the `product` of its first run.
   std::function<Result<std::string>(const JobRecord& job, JobContext& context)> run;
+  /// Whether what a checked body refers to is there: kNotFound. Not asked for a job that was taken
+  /// before, which may have outlived what it was about. May be null.
+  std::function<Status(const std::string& checked)> refers = nullptr;
 };
 
 struct JobHandlers {
@@ -49,6 +51,8 @@ class JobQueue {
     /// signs of life is a bundle adjustment of 90 cameras, minutes on a slow machine.
     std::chrono::seconds capture_silence{120};
     std::chrono::seconds computing_silence{1200};
+    /// A day of reconstructions. More are the work of a client gone wild.
+    size_t max_queued = 1000;
   };
 
   /// Starts the threads. `store` outlives the queue.
@@ -59,12 +63,15 @@ class JobQueue {
   JobQueue& operator=(const JobQueue&) = delete;
 
   /// Queues a job. The same key with the same request gives the job of the first time; with another
-  /// request kAlreadyExists.
+  /// request kAlreadyExists. kFailed: too many wait.
   Result<JobRecord> Submit(JobKind kind, const std::string& body,
                            const std::string& idempotency_key);
+  /// Tells the running jobs to stop and takes no others; returns at once. For an end that has more
+  /// to wait for.
+  void RequestStop();
   /// A running job ends within a second or two; see its state.
   Result<JobRecord> Cancel(int64_t number);
-  /// Runs an interrupted, failed or cancelled job again.
+  /// Runs an interrupted, failed or cancelled job again. kFailed: too many wait.
   Result<JobRecord> Rerun(int64_t number);
 
   /// Which job hangs, in words; nullopt while all is well. For the watchdog.
@@ -74,6 +81,8 @@ class JobQueue {
   class Worker;
   const JobHandler& HandlerOf(JobKind kind) const;
   void Wake();
+  /// kFailed when as many jobs wait as may.
+  Status CheckQueue() const;
 
   Store& store_;
   const JobHandlers handlers_;

@@ -127,7 +127,13 @@ CREATE TABLE events (
 CREATE INDEX events_about ON events(kind, about);
 )sql";
 
-constexpr std::array<std::string_view, 1> kSteps = {kFirstSchema};
+// For ids that are reserved, and for follow-ups that are queued already.
+constexpr std::string_view kJobIndexes = R"sql(
+CREATE INDEX jobs_by_product ON jobs(product);
+CREATE INDEX jobs_by_body ON jobs(kind, body);
+)sql";
+
+constexpr std::array<std::string_view, 2> kSteps = {kFirstSchema, kJobIndexes};
 
 Status CheckOwner(Database& database, int64_t version) {
   ROTUNDA_ASSIGN_OR_RETURN(const int64_t owner, database.Number("PRAGMA application_id"));

@@ -38,7 +38,7 @@ Json Parameters(const Route& route) {
          {"in", "header"},
          {"description",
           "The same key with the same request gives the job of the first time; with another "
-          "request 409."},
+          "request 409. It is known as long as its job is."},
          {"required", false},
          {"schema", {{"type", "string"}, {"maxLength", 200}}}});
   }

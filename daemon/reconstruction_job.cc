@@ -112,12 +112,16 @@ Result<ReconstructionTask> TaskOf(Store& store, const ReconstructionRequest& req
 Result<std::string> Run(Store& store, int threads, const JobRecord& job, JobContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request,
                            ParseReconstructionRequest(job.body));
-  if (!job.product.empty()) {  // the run that was interrupted may have come to its end
-    const auto made_before = FindReconstruction(store, job.product);
-    if (made_before) return ResultOf(*made_before, {});
+  std::string id = job.product;
+  std::error_code ignored;
+  if (id.empty()) {
+    ROTUNDA_ASSIGN_OR_RETURN(id, FreeReconstructionId(store, request.capture));
+    ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
+  } else if (fs::exists(store.ReconstructionFolder(id) / "poses.json", ignored)) {
+    // The run before had come to its end; whether to its row, too, does not matter.
+    ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRecord made, RecordReconstruction(store, id));
+    return ResultOf(made, {});
   }
-  ROTUNDA_ASSIGN_OR_RETURN(const std::string id, FreeReconstructionId(store, request.capture));
-  ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
   ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionTask task, TaskOf(store, request, id));
   ThreadPool pool(threads);
   RunContext run{pool, context.stop, context.progress};
@@ -162,13 +166,17 @@ std::string ReconstructionBody(const std::string& capture) {
 
 JobHandler MakeReconstructionHandler(Store& store, int threads) {
   JobHandler handler;
-  handler.check = [&store](const std::string& body) -> Result<std::string> {
+  handler.check = [](const std::string& body) -> Result<std::string> {
+    ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request, ParseReconstructionRequest(body));
+    return ToBody(request);
+  };
+  handler.refers = [&store](const std::string& body) -> Status {
     ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request, ParseReconstructionRequest(body));
     ROTUNDA_RETURN_IF_ERROR(FindCapture(store, request.capture));
     if (request.calibration) {
       ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *request.calibration));
     }
-    return ToBody(request);
+    return {};
   };
   handler.run = [&store, threads](const JobRecord& job, JobContext& context) {
     return Run(store, threads, job, context);

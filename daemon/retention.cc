@@ -103,12 +103,14 @@ Status RetentionPolicy::Validate() const {
   return {};
 }
 
-Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy) {
+Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy,
+                                                std::stop_token stop) {
   ROTUNDA_RETURN_IF_ERROR(policy.Validate());
   if (!policy.keep_count && !policy.keep_days) return std::vector<std::string>();
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<std::string> named, NamedByPolicy(store, policy));
   std::vector<std::string> gone;
   for (const std::string& id : named) {
+    if (stop.stop_requested()) break;
     ROTUNDA_ASSIGN_OR_RETURN(const bool removed, RemoveCapture(store, id));
     if (removed) gone.push_back(id);
   }

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -21,8 +22,10 @@ struct RetentionPolicy {
 };
 
 /// Removes the captures that the policy names, with their reconstructions, and gives their ids. A
-/// capture that a queued or running job needs stays until the job has ended.
-Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy);
+/// capture that a queued or running job needs stays until the job has ended. Once `stop` is set the
+/// rest stays for the next time.
+Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy,
+                                                std::stop_token stop = {});
 
 /// kIo when less than `reserve_bytes` are free where `folder` is; says how much is, and what to do.
 Status CheckDiskReserve(const std::filesystem::path& folder, uint64_t reserve_bytes);

@@ -93,8 +93,10 @@ int Serve(const Arguments& arguments, const config::DaemonConfig& config) {
   const auto inherited = InheritedSocket();
   if (!inherited) return fail(inherited.error());
   log->info("rotundad {} starts", ROTUNDA_VERSION);
-  auto service = Service::Start(
-      {config, ROTUNDA_VERSION, *inherited, [] { return std::chrono::system_clock::now(); }}, *log);
+  auto service =
+      Service::Start({config, ROTUNDA_VERSION, *inherited,
+                      [] { return std::chrono::system_clock::now(); }, NotifyStillStarting},
+                     *log);
   if (!service) return fail(service.error());
   log->info("ready on {}", *inherited ? "the socket of systemd" : config.service.socket);
   NotifyReady((*service)->Summary());

@@ -3,6 +3,7 @@
 #include <grp.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <condition_variable>
 #include <filesystem>
 #include <mutex>
@@ -19,6 +20,7 @@
 #include "daemon/reconstruction_job.h"
 #include "daemon/retention.h"
 #include "daemon/service_log.h"
+#include "daemon/store_jobs.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -30,7 +32,11 @@ using std::chrono::milliseconds;
 // seconds, and all of them may at the same time.
 constexpr auto kServerSilence = std::chrono::seconds(30);
 constexpr auto kRetentionInterval = std::chrono::hours(1);
+// Of ended ones, some kilobytes each: years of a studio's work, and lists that are quick.
+constexpr size_t kKeptJobs = 10000;
 constexpr uint64_t kBytesPerMegabyte = 1000000;
+// A group with a million members; more is a broken directory service.
+constexpr size_t kMaxGroupBytes = size_t{1} << 26;
 
 RetentionPolicy PolicyOf(const config::DaemonConfig::Storage& storage) {
   RetentionPolicy policy;
@@ -44,7 +50,10 @@ std::vector<gid_t> GroupsNamed(const std::string& name, spdlog::logger& log) {
   std::vector<char> memory(1 << 16);
   group entry{};
   group* found = nullptr;
-  getgrnam_r(name.c_str(), &entry, memory.data(), memory.size(), &found);
+  const auto look = [&] {
+    return getgrnam_r(name.c_str(), &entry, memory.data(), memory.size(), &found);
+  };
+  while (look() == ERANGE && memory.size() < kMaxGroupBytes) memory.resize(2 * memory.size());
   if (found != nullptr) return {found->gr_gid};
   log.warn("there is no group '{}': nobody has its rights", name);
   return {};
@@ -65,8 +74,8 @@ HttpLimits LimitsOf(const config::DaemonConfig::Http& http) {
           http.request_ms,   http.write_ms,   http.heartbeat_ms, http.threads};
 }
 
-/// Applies the retention policy at the start and every hour, apart from everything that is waited
-/// for.
+/// Applies the retention policy and forgets old jobs, at the start and every hour, apart from
+/// everything that is waited for.
 class Housekeeper {
  public:
   Housekeeper(Store& store, RetentionPolicy policy, spdlog::logger& log)
@@ -74,6 +83,8 @@ class Housekeeper {
         policy_(policy),
         log_(log),
         thread_([this](std::stop_token stop) { Run(stop); }) {}
+
+  void RequestStop() { thread_.request_stop(); }
 
   void SetPolicy(RetentionPolicy policy) {
     const std::lock_guard lock(mutex_);
@@ -89,8 +100,10 @@ class Housekeeper {
       changed_ = false;
       const RetentionPolicy policy = policy_;
       lock.unlock();
-      const auto removed = ApplyRetention(store_, policy);
+      const auto removed = ApplyRetention(store_, policy, stop);
       if (!removed) log_.error("retention: {}", removed.error().ToString());
+      const auto pruned = PruneJobs(store_, kKeptJobs);
+      if (!pruned) log_.error("old jobs: {}", pruned.error().ToString());
       lock.lock();
       wake_.wait_for(lock, stop, kRetentionInterval, [this] { return changed_; });
     }
@@ -163,6 +176,8 @@ Status Service::StartStore() {
   options.clock = options_.clock;
   const config::DaemonConfig::Drift& drift = options_.config.drift;
   options.drift = {drift.position_mm, drift.rotation_deg, static_cast<size_t>(drift.captures)};
+  options.follow_up = CaptureFollowUp;
+  options.still_opening = options_.still_starting;
   ROTUNDA_ASSIGN_OR_RETURN(parts_->store, Store::Open(std::move(options), parts_->events));
   LogRecovery(log_, parts_->store->recovery());
   return {};
@@ -196,10 +211,14 @@ Status Service::StartServer() {
   ROTUNDA_ASSIGN_OR_RETURN(parts.server, HttpServer::Start(*fd, std::move(options)));
   parts.wake_streams =
       parts.events.Subscribe([&server = *parts.server](const EventRecord&) { server.Wake(); });
+  parts.server->Serve();  // requests ask for parts.server
   return {};
 }
 
 Service::~Service() {
+  // All are told before any is waited for.
+  if (parts_->jobs) parts_->jobs->RequestStop();
+  if (parts_->housekeeper) parts_->housekeeper->RequestStop();
   if (parts_->server) {
     parts_->server->Stop(milliseconds(options_.config.service.stop_ms));
   }

@@ -2,6 +2,7 @@
 
 #include <spdlog/logger.h>
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -21,6 +22,7 @@ class Service {
     std::string version;
     std::optional<int> listening_fd;  // systemd's; else config.service.socket is made
     WallClock clock;
+    std::function<void()> still_starting;  // called now and then while Start() works
   };
 
   /// Serves when it returns. `log` outlives the service. Cameras that cannot be opened are logged

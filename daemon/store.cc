@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <ctime>
+#include <iterator>
 #include <mutex>
 #include <system_error>
 #include <utility>
@@ -102,20 +103,24 @@ namespace {
 /// Undoes what was begun unless it was ended: also when a caller's function throws.
 class OpenTransaction {
  public:
-  explicit OpenTransaction(Database& database) : database_(database) {}
+  explicit OpenTransaction(Database& database, const char* undo = "ROLLBACK",
+                           const char* end = "COMMIT")
+      : database_(database), undo_(undo), end_(end) {}
   ~OpenTransaction() {
-    if (open_) static_cast<void>(database_.Execute("ROLLBACK"));
+    if (open_) static_cast<void>(database_.Execute(undo_));
   }
   OpenTransaction(const OpenTransaction&) = delete;
   OpenTransaction& operator=(const OpenTransaction&) = delete;
   Status Commit() {
-    Status status = database_.Execute("COMMIT");
+    Status status = database_.Execute(end_);
     open_ = !status.ok();
     return status;
   }
 
  private:
   Database& database_;
+  const char* const undo_;
+  const char* const end_;
   bool open_ = true;
 };
 
@@ -124,6 +129,7 @@ class OpenTransaction {
 struct Store::Connections {
   std::mutex writer_mutex, reader_mutex;
   std::optional<Database> writer, reader;
+  std::optional<std::vector<EventRecord>> together;  // events of WriteTogether() under way
   int lock_fd = -1;
 
   ~Connections() {
@@ -160,6 +166,7 @@ Status Store::LockFolder() {
 
 Status Store::OpenDatabase() {
   const fs::path file = options_.state_folder / kDatabaseName;
+  if (options_.still_opening) options_.still_opening();
   Result<Database> opened = Database::Open(file, Database::Access::kReadWrite);
   if (!opened) return AsDamaged(opened.error(), file);
   Database& writer = connections_->writer.emplace(std::move(*opened));
@@ -188,6 +195,7 @@ fs::path Store::ReconstructionFolder(const std::string& id) const {
 }
 
 Status Store::Read(const Reading& reading) {
+  if (connections_->together) return reading(*connections_->writer);  // sees what is not committed
   const std::lock_guard lock(connections_->reader_mutex);
   Database& database = *connections_->reader;
   ROTUNDA_RETURN_IF_ERROR(database.Execute("BEGIN"));
@@ -196,6 +204,7 @@ Status Store::Read(const Reading& reading) {
 }
 
 Status Store::Write(const Writing& writing) {
+  if (connections_->together) return WriteWithin(writing);
   const std::lock_guard lock(connections_->writer_mutex);
   Database& database = *connections_->writer;
   std::vector<EventRecord> events;
@@ -205,6 +214,34 @@ Status Store::Write(const Writing& writing) {
   ROTUNDA_RETURN_IF_ERROR(AppendEvents(database, Now(), events));
   ROTUNDA_RETURN_IF_ERROR(transaction.Commit());
   hub_.Publish(events);
+  return {};
+}
+
+Status Store::WriteWithin(const Writing& writing) {
+  Database& database = *connections_->writer;
+  std::vector<EventRecord> events;
+  ROTUNDA_RETURN_IF_ERROR(database.Execute("SAVEPOINT one"));
+  OpenTransaction savepoint(database, "ROLLBACK TO one; RELEASE one", "RELEASE one");
+  ROTUNDA_RETURN_IF_ERROR(writing(database, events));
+  ROTUNDA_RETURN_IF_ERROR(AppendEvents(database, Now(), events));
+  ROTUNDA_RETURN_IF_ERROR(savepoint.Commit());
+  std::move(events.begin(), events.end(), std::back_inserter(*connections_->together));
+  return {};
+}
+
+Status Store::WriteTogether(const std::function<Status()>& many) {
+  struct Ended {  // also when `many` throws
+    std::optional<std::vector<EventRecord>>& together;
+    ~Ended() { together.reset(); }
+  };
+  Database& database = *connections_->writer;
+  ROTUNDA_RETURN_IF_ERROR(database.Execute("BEGIN IMMEDIATE"));
+  OpenTransaction transaction(database);
+  connections_->together.emplace();
+  const Ended ended{connections_->together};
+  ROTUNDA_RETURN_IF_ERROR(many());
+  ROTUNDA_RETURN_IF_ERROR(transaction.Commit());
+  hub_.Publish(*connections_->together);
   return {};
 }
 

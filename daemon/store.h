@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -29,6 +30,12 @@ struct StoreOptions {
   std::filesystem::path state_folder;  // made when it is missing
   WallClock clock;
   DriftLimits drift;
+  /// What a capture job asks to be done with its shot: queued when a start finds the shot on the
+  /// disk that the job, which did not come to its end, had taken. Null: nothing.
+  std::function<std::optional<NewJob>(const JobRecord& capture_job)> follow_up = nullptr;
+  /// Called now and then while Open() goes through what lies on the disk, which may take minutes.
+  /// Null: nobody waits.
+  std::function<void()> still_opening = nullptr;
 };
 
 /// What Open() found and put right.
@@ -69,10 +76,14 @@ class Store {
   /// and time) is stored with it and published after the commit.
   using Writing = std::function<Status(Database& database, std::vector<EventRecord>& events)>;
   Status Write(const Writing& writing);
+  /// All reads and writes of `many` are one transaction, made durable once; each write alone is
+  /// still all or nothing. For Open(), as long as nobody else uses the store.
+  Status WriteTogether(const std::function<Status()>& many);
 
  private:
   struct Connections;
   Store(StoreOptions options, EventHub& events);
+  Status WriteWithin(const Writing& writing);
   Status LockFolder();
   Status OpenDatabase();
 

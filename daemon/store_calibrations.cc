@@ -5,6 +5,7 @@
 #include "daemon/store_internal.h"
 #include "daemon/store_sql.h"
 #include "sfm/core/calibration.h"
+#include "sfm/core/file_io.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -73,8 +74,8 @@ Result<std::string> FreeCalibrationId(Store& store, const std::string& wanted) {
     const Result<CalibrationRecord> known = FindCalibration(store, id);
     if (!known && known.error().code != ErrorCode::kNotFound) return known.error();
     if (known) continue;
-    ROTUNDA_ASSIGN_OR_RETURN(const bool reserved, IsProductOfJob(store, id));
-    if (!reserved) return id;
+    ROTUNDA_ASSIGN_OR_RETURN(const auto reserved_by, FindJobByProduct(store, id));
+    if (!reserved_by) return id;
   }
   return Error{ErrorCode::kAlreadyExists, "there are too many of this name", wanted};
 }
@@ -98,6 +99,20 @@ Result<CalibrationRecord> RecordCalibration(Store& store, const std::string& id)
     return Insert(database, id, calibration);
   }));
   return FindCalibration(store, id);
+}
+
+Result<std::string> CalibrationText(const Store& store, const std::string& id) {
+  const std::filesystem::path file = store.CalibrationFolder(id) / "calibration.json";
+  const auto broken = [&id](const Error& error) {
+    return Error{error.code,
+                 error.message + "; put the file back, or activate another calibration than " + id,
+                 error.context};
+  };
+  Result<std::string> text = ReadFile(file);
+  if (!text) return broken(text.error());
+  const Result<Calibration> calibration = CalibrationFromJson(*text, file.string());
+  if (!calibration) return broken(calibration.error());
+  return text;
 }
 
 Result<CalibrationRecord> ActivateCalibration(Store& store, const std::string& id) {

@@ -13,6 +13,9 @@ Result<std::string> FreeCalibrationId(Store& store, const std::string& wanted);
 /// Makes the row of calibrations/<id>/calibration.json. Doing it twice changes nothing.
 Result<CalibrationRecord> RecordCalibration(Store& store, const std::string& id);
 
+/// The text of calibrations/<id>/calibration.json, whole and in order. An error says what to do.
+Result<std::string> CalibrationText(const Store& store, const std::string& id);
+
 /// The calibration is in force from now on; captures get a copy of it.
 Result<CalibrationRecord> ActivateCalibration(Store& store, const std::string& id);
 

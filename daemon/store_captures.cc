@@ -15,13 +15,14 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxIdsASecond = 1000;
 
-// With the newest reconstruction whose files are there.
+// With the reconstruction that speaks for it, of those whose files are there: a later one that is
+// not sure does not take the place of one that is.
 constexpr char kSelect[] = R"sql(
 SELECT c.id, c.captured_at, c.subject, c.ok_frames, c.frames, c.calibration, c.files_gone,
        r.id, r.verdict
 FROM captures c LEFT JOIN reconstructions r ON r.id =
   (SELECT id FROM reconstructions WHERE capture = c.id AND files_gone = 0
-   ORDER BY created_at DESC, id DESC LIMIT 1) )sql";
+   ORDER BY verdict = 'sure' DESC, created_at DESC, id DESC LIMIT 1) )sql";
 
 CaptureRecord ReadCapture(Statement& row) {
   CaptureRecord capture;

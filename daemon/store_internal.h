@@ -1,6 +1,7 @@
 #pragma once
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -45,8 +46,8 @@ Result<Listing<T>> ReadListing(Statement& rows, size_t limit, ReadRow read_row, 
   return listing;
 }
 
-/// Whether a job has reserved the name for what it makes.
-Result<bool> IsProductOfJob(Store& store, const std::string& id);
+/// The newest job that has reserved the name for what it makes.
+Result<std::optional<JobRecord>> FindJobByProduct(Store& store, const std::string& id);
 
 /// AddJob within a transaction.
 Result<JobRecord> AddJobRow(Database& database, const NewJob& job, const std::string& now,

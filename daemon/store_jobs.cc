@@ -136,14 +136,15 @@ Result<JobRecord> AddJobRow(Database& database, const NewJob& job, const std::st
   return added;
 }
 
-Result<bool> IsProductOfJob(Store& store, const std::string& id) {
-  bool reserved = false;
+Result<std::optional<JobRecord>> FindJobByProduct(Store& store, const std::string& id) {
+  std::optional<JobRecord> job;
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
-    Statement found = database.Prepare("SELECT 1 FROM jobs WHERE product = ?");
-    reserved = found.Bind(id).Step();
-    return found.status();
+    Statement row =
+        database.Prepare(std::string(kSelect) + "WHERE product = ? ORDER BY number DESC LIMIT 1");
+    if (row.Bind(id).Step()) job = ReadRow(row);
+    return row.status();
   }));
-  return reserved;
+  return job;
 }
 
 Result<JobRecord> FindJob(Store& store, int64_t number) {
@@ -284,6 +285,21 @@ Result<JobRecord> RequestCancel(Store& store, int64_t number) {
         .Bind(number)
         .Run();
   });
+}
+
+Result<size_t> PruneJobs(Store& store, size_t keep) {
+  Result<int64_t> removed = int64_t{0};
+  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto&) -> Status {
+    ROTUNDA_RETURN_IF_ERROR(
+        database
+            .Prepare("DELETE FROM jobs WHERE state IN ('done', 'failed', 'cancelled') AND "
+                     "number <= (SELECT max(number) FROM jobs) - ?")
+            .Bind(uint64_t{keep})
+            .Run());
+    removed = database.Number("SELECT changes()");
+    return removed ? Status() : Status(removed.error());
+  }));
+  return static_cast<size_t>(*removed);
 }
 
 Result<JobRecord> RequeueJob(Store& store, int64_t number) {

@@ -8,12 +8,6 @@
 
 namespace rotunda::daemon {
 
-struct NewJob {
-  JobKind kind = JobKind::kCapture;
-  std::string body;             // a JSON object
-  std::string idempotency_key;  // empty: none
-};
-
 /// Readers. Everything that changes jobs goes through JobQueue (jobs.h).
 Result<JobRecord> FindJob(Store& store, int64_t number);
 Result<std::optional<JobRecord>> FindJobByKey(Store& store, const std::string& idempotency_key);
@@ -34,6 +28,9 @@ Status EndJob(Store& store, const JobRecord& end);
 /// Queued: cancelled at once. Running: marked; its worker must be told. kInvalidArgument when the
 /// job has ended.
 Result<JobRecord> RequestCancel(Store& store, int64_t number);
+/// Removes jobs that are done, failed or cancelled and not among the newest `keep` jobs; gives how
+/// many.
+Result<size_t> PruneJobs(Store& store, size_t keep);
 /// Queues an interrupted, failed or cancelled job again; kInvalidArgument in any other state.
 Result<JobRecord> RequeueJob(Store& store, int64_t number);
 

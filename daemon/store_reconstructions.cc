@@ -149,6 +149,20 @@ Result<std::vector<CameraDrift>> DriftAgainst(Database& database, const std::str
   return drifts;
 }
 
+/// Where the camera's history stands that ends a page with this reconstruction.
+Result<DriftRecord> DriftIn(Database& database, const std::string& camera,
+                            const std::string& reconstruction) {
+  Statement row =
+      database.Prepare(std::string(kSelectDrift) + "WHERE camera = ? AND reconstruction = ?");
+  const bool found = row.Bind(camera).Bind(reconstruction).Step();
+  ROTUNDA_RETURN_IF_ERROR(row.status());
+  if (found) return ReadDrift(row);
+  return Error{
+      ErrorCode::kNotFound,
+      "camera \"" + camera + "\" was not compared in reconstruction \"" + reconstruction + "\"",
+      ""};
+}
+
 Result<bool> IsActive(Database& database, const std::string& calibration) {
   Statement row = database.Prepare("SELECT 1 FROM calibrations WHERE id = ? AND active = 1");
   const bool is_active = row.Bind(calibration).Step();
@@ -219,8 +233,8 @@ Result<std::string> FreeReconstructionId(Store& store, const std::string& captur
     const Result<ReconstructionRecord> known = FindReconstruction(store, id);
     if (!known && known.error().code != ErrorCode::kNotFound) return known.error();
     if (known) continue;
-    ROTUNDA_ASSIGN_OR_RETURN(const bool reserved, IsProductOfJob(store, id));
-    if (!reserved) return id;
+    ROTUNDA_ASSIGN_OR_RETURN(const auto reserved_by, FindJobByProduct(store, id));
+    if (!reserved_by) return id;
   }
   return Error{ErrorCode::kAlreadyExists, "there are too many reconstructions", capture};
 }
@@ -295,18 +309,19 @@ Result<Listing<DriftRecord>> DriftHistory(Store& store, const std::string& camer
   ROTUNDA_RETURN_IF_ERROR(CheckPage(page));
   Result<Listing<DriftRecord>> listing = Listing<DriftRecord>();
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
-    std::string where = "WHERE camera = ?1 ";
+    std::string where = "WHERE camera = ? ";
+    std::optional<DriftRecord> after;
     if (!page.after.empty()) {
-      where +=
-          "AND (captured_at, capture) < (SELECT captured_at, capture FROM drift "
-          "WHERE camera = ?1 AND capture = ?3) ";
+      ROTUNDA_ASSIGN_OR_RETURN(after, DriftIn(database, camera, page.after));
+      where += "AND (captured_at, capture, calibration) < (?, ?, ?) ";
     }
-    Statement rows =
-        database.Prepare(kSelectDrift + where + "ORDER BY captured_at DESC, capture DESC LIMIT ?2");
-    rows.Bind(camera).Bind(uint64_t{page.limit + 1});
-    if (!page.after.empty()) rows.Bind(page.after);
-    listing = ReadListing<DriftRecord>(rows, page.limit, ReadDrift,
-                                       [](const DriftRecord& drift) { return drift.capture; });
+    Statement rows = database.Prepare(
+        kSelectDrift + where + "ORDER BY captured_at DESC, capture DESC, calibration DESC LIMIT ?");
+    rows.Bind(camera);
+    if (after) rows.Bind(after->captured_at).Bind(after->capture).Bind(after->calibration);
+    rows.Bind(uint64_t{page.limit + 1});
+    listing = ReadListing<DriftRecord>(
+        rows, page.limit, ReadDrift, [](const DriftRecord& drift) { return drift.reconstruction; });
     return Status();
   }));
   return listing;

@@ -22,8 +22,8 @@ Result<std::vector<ReconstructionRecord>> ListReconstructions(Store& store,
 
 /// Every camera that was compared with the calibration in force, by name; empty without one.
 Result<std::vector<CameraDrift>> DriftNow(Store& store);
-/// One camera through the captures, newest first (`after`: id of a capture), against any
-/// calibration.
+/// One camera through the captures, newest first, against any calibration (`after`: id of a
+/// reconstruction, which compares with one).
 Result<Listing<DriftRecord>> DriftHistory(Store& store, const std::string& camera,
                                           const Page& page);
 

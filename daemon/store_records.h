@@ -35,7 +35,8 @@ struct CaptureRecord {
   uint64_t frames = 0;
   std::optional<std::string> calibration;  // in force when it was taken
   bool files_gone = false;                 // the folder was missing when the daemon started
-  // The newest reconstruction: its id and what it says ("sure", "unsure", "folded" or empty).
+  // The newest reconstruction that is sure, else the newest: its id and what it says ("sure",
+  // "unsure", "folded" or empty).
   std::optional<std::string> reconstruction;
   std::string verdict;
 };
@@ -123,6 +124,12 @@ std::optional<JobKind> JobKindFromName(const std::string& name);
 enum class JobState { kQueued, kRunning, kDone, kFailed, kCancelled, kInterrupted };
 const char* JobStateName(JobState state);  // "queued", ...
 std::optional<JobState> JobStateFromName(const std::string& name);
+
+struct NewJob {
+  JobKind kind = JobKind::kCapture;
+  std::string body;             // a JSON object
+  std::string idempotency_key;  // empty: none
+};
 
 struct JobRecord {
   int64_t number = 0;

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <functional>
 #include <set>
+#include <span>
 #include <system_error>
+#include <utility>
 
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
@@ -16,6 +18,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Folders whose rows are made durable together: a thousand found ones must not take a thousand
+// times the disk's wait.
+constexpr size_t kBatch = 100;
+
 /// A table whose rows stand for folders.
 struct FolderTable {
   const char* table;  // and name of the folder that holds the folders
@@ -23,6 +29,16 @@ struct FolderTable {
   const char* file;   // that makes a folder one of these
   std::function<Status(Store&, const std::string& id)> record;
 };
+
+/// What the job that took the shot, and was killed or stopped before it could enter it, asked for.
+Result<std::optional<NewJob>> FollowUpOf(Store& store, const std::string& capture) {
+  ROTUNDA_ASSIGN_OR_RETURN(const auto job, FindJobByProduct(store, capture));
+  if (!job || job->kind != JobKind::kCapture || !store.options().follow_up) {
+    return std::optional<NewJob>();
+  }
+  const bool unfinished = job->state == JobState::kRunning || job->state == JobState::kInterrupted;
+  return unfinished ? store.options().follow_up(*job) : std::nullopt;
+}
 
 const std::vector<FolderTable>& Tables() {
   // Reconstructions refer to captures, so they come last.
@@ -34,7 +50,8 @@ const std::vector<FolderTable>& Tables() {
        }},
       {"captures", "capture", "frameset.json",
        [](Store& store, const std::string& id) -> Status {
-         ROTUNDA_RETURN_IF_ERROR(RecordCapture(store, id, std::nullopt));
+         ROTUNDA_ASSIGN_OR_RETURN(const auto follow_up, FollowUpOf(store, id));
+         ROTUNDA_RETURN_IF_ERROR(RecordCapture(store, id, follow_up));
          return {};
        }},
       {"reconstructions", "reconstruction", "poses.json",
@@ -105,18 +122,67 @@ Status MarkGone(Store& store, const FolderTable& table, const std::string& id, b
   });
 }
 
+std::string PlaceOf(const FolderTable& table, const std::string& id) {
+  return std::string(table.table) + "/" + id;
+}
+
+/// kIo: the disk or the database refused.
 Status AdoptFolder(Store& store, const FolderTable& table, const std::string& id,
                    RecoveryReport& report) {
-  const std::string place = std::string(table.table) + "/" + id;
   if (const Status recorded = table.record(store, id); !recorded) {
+    if (recorded.error().code == ErrorCode::kIo) return recorded;
     // Stays where it is, for a person to look at; the next start tries again.
-    report.unreadable.push_back(place + ": " + recorded.error().ToString());
+    report.unreadable.push_back(PlaceOf(table, id) + ": " + recorded.error().ToString());
     return {};
   }
-  report.adopted.push_back(place);
-  return store.Write([&](Database&, auto& events) {
+  ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database&, auto& events) {
     events.push_back(MakeEvent(std::string(table.what) + "_adopted", id, Json::object()));
     return Status();
+  }));
+  report.adopted.push_back(PlaceOf(table, id));
+  return {};
+}
+
+void AdoptFolders(Store& store, const FolderTable& table, std::span<const std::string> ids,
+                  RecoveryReport& report) {
+  RecoveryReport batch = report;
+  const Status together = store.WriteTogether([&]() -> Status {
+    for (const std::string& id : ids) {
+      ROTUNDA_RETURN_IF_ERROR(AdoptFolder(store, table, id, batch));
+    }
+    return {};
+  });
+  if (together) {
+    report = std::move(batch);
+    return;
+  }
+  // One that the disk refuses must not keep the others out.
+  for (const std::string& id : ids) {
+    if (const Status alone = AdoptFolder(store, table, id, report); !alone) {
+      report.unreadable.push_back(PlaceOf(table, id) + ": " + alone.error().ToString());
+    }
+  }
+}
+
+void StillHere(const Store& store) {
+  if (store.options().still_opening) store.options().still_opening();
+}
+
+/// Marks rows whose folder is missing and those whose folder is back.
+Status CheckRows(Store& store, const FolderTable& table, const std::vector<KnownRow>& rows,
+                 RecoveryReport& report) {
+  const fs::path folder = store.options().state_folder / table.table;
+  return store.WriteTogether([&]() -> Status {
+    for (size_t i = 0; i < rows.size(); ++i) {
+      if (i % kBatch == 0) StillHere(store);
+      std::error_code failed;
+      const bool is_gone = !fs::exists(folder / rows[i].id / table.file, failed);
+      if (is_gone) report.gone.push_back(PlaceOf(table, rows[i].id));
+      if (is_gone != rows[i].files_gone) {
+        ROTUNDA_RETURN_IF_ERROR(MarkGone(store, table, rows[i].id, is_gone));
+      }
+    }
+    return {};
   });
 }
 
@@ -124,25 +190,24 @@ Status RecoverTable(Store& store, const FolderTable& table, RecoveryReport& repo
   const fs::path folder = store.options().state_folder / table.table;
   ROTUNDA_ASSIGN_OR_RETURN(const FolderListing listing, ListFolder(folder));
   for (const fs::path& temporary : listing.temporaries) {
+    StillHere(store);
     std::error_code failed;
     fs::remove_all(temporary, failed);
     if (failed) return Error{ErrorCode::kIo, failed.message(), temporary.string()};
     ++report.removed_temporaries;
   }
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<KnownRow> rows, KnownRows(store, table));
+  ROTUNDA_RETURN_IF_ERROR(CheckRows(store, table, rows, report));
   std::set<std::string> known;
-  for (const KnownRow& row : rows) {
-    known.insert(row.id);
-    std::error_code failed;
-    const bool is_gone = !fs::exists(folder / row.id / table.file, failed);
-    if (is_gone) report.gone.push_back(std::string(table.table) + "/" + row.id);
-    if (is_gone != row.files_gone) {
-      ROTUNDA_RETURN_IF_ERROR(MarkGone(store, table, row.id, is_gone));
-    }
-  }
+  for (const KnownRow& row : rows) known.insert(row.id);
+  std::vector<std::string> found;
   for (const std::string& id : listing.ids) {
-    if (known.contains(id)) continue;
-    ROTUNDA_RETURN_IF_ERROR(AdoptFolder(store, table, id, report));
+    if (!known.contains(id)) found.push_back(id);
+  }
+  for (size_t begin = 0; begin < found.size(); begin += kBatch) {
+    StillHere(store);
+    const size_t count = std::min(kBatch, found.size() - begin);
+    AdoptFolders(store, table, std::span(found).subspan(begin, count), report);
   }
   return {};
 }

@@ -8,8 +8,14 @@ namespace rotunda::daemon {
 namespace {
 
 constexpr int kKeepEnvironment = 0;
+// For a hundred found folders on a slow disk.
+constexpr int64_t kMoreTime_us = 60000000;
 
 }  // namespace
+
+void NotifyStillStarting() {
+  sd_notify(kKeepEnvironment, ("EXTEND_TIMEOUT_USEC=" + std::to_string(kMoreTime_us)).c_str());
+}
 
 void NotifyReady(const std::string& status) {
   sd_notify(kKeepEnvironment, ("READY=1\nSTATUS=" + status).c_str());

@@ -11,6 +11,9 @@ namespace rotunda::daemon {
 // What systemd and the daemon tell each other (sd_notify(3), sd_listen_fds(3)). Without systemd
 // there is nobody to tell, and nothing comes.
 
+/// EXTEND_TIMEOUT_USEC: the start goes on for at least another minute, whatever TimeoutStartSec
+/// says.
+void NotifyStillStarting();
 /// READY=1, with a line for `systemctl status`.
 void NotifyReady(const std::string& status);
 /// RELOADING=1; NotifyReady() follows.

@@ -260,6 +260,7 @@ void FrameSetWriter::Run() {
     lock.lock();
     if (!written) {
       job->trouble = Trouble{job->order.out, written.error(), may_pass};
+      ++signs_of_life_;
       changed_.notify_all();
       if (may_pass) {
         changed_.wait_for(lock, kRetryInterval, [&] { return quit_ || abandon_writing_; });
@@ -299,6 +300,7 @@ Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
           stop.request_stop();
           return;
         }
+        ++signs_of_life_;
         sizes[i] = png->size();
         set.frames[i].xxh3 = HashText(*png);
         figures[i] = MeasurePicture(*frame);
@@ -313,8 +315,8 @@ Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
   ROTUNDA_RETURN_IF_ERROR(
       WriteNewFile(folder.path() / "shot.json", ShotText(job.shot, written.figures)));
   if (job.order.calibration) {
-    ROTUNDA_ASSIGN_OR_RETURN(const std::string text, ReadFile(*job.order.calibration));
-    ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "calibration.json", text));
+    ROTUNDA_RETURN_IF_ERROR(
+        WriteNewFile(folder.path() / "calibration.json", *job.order.calibration));
   }
   ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "frameset.json", FrameSetToJson(set)));
   ROTUNDA_RETURN_IF_ERROR(folder.Commit());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <cstdint>
 #include <filesystem>
@@ -37,8 +38,8 @@ struct FrameSetOrder {
   std::string id;
   std::string captured_at;  // RFC 3339
   std::optional<std::string> subject;
-  std::string trigger_source;                        // "gpio" or "simulated"
-  std::optional<std::filesystem::path> calibration;  // in force; copied into the set
+  std::string trigger_source;              // "gpio" or "simulated"
+  std::optional<std::string> calibration;  // in force: the text of its file, for the set's own
 };
 
 /// A shot as it lies on the disk.
@@ -85,6 +86,9 @@ class FrameSetWriter {
   size_t pending() const;
   /// Why the oldest set in trouble cannot be written; unset while all is well.
   std::optional<Trouble> trouble() const;
+  /// Rises with every picture that is written and every attempt that has failed: while sets are
+  /// pending and this stands still, the disk hangs.
+  uint64_t signs_of_life() const { return signs_of_life_; }
 
  private:
   struct Job;
@@ -101,6 +105,7 @@ class FrameSetWriter {
   Ticket writing_ = 0;  // 0: none
   bool abandon_writing_ = false;
   bool quit_ = false;
+  std::atomic<uint64_t> signs_of_life_ = 0;
   std::thread thread_;
 };
 

@@ -9,6 +9,9 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <utility>
+
+#include "sfm/solver_stop.h"
 
 namespace rotunda::sfm {
 namespace {
@@ -136,8 +139,8 @@ class ConsistencyProblem {
     return result;
   }
 
-  /// Leaves the start where the solver finds nothing better.
-  void Solve() {
+  /// Leaves the start where the solver finds nothing better, or is stopped.
+  void Solve(std::stop_token stop) {
     if (weight_sum_ == 0) return;
     ceres::Solver::Options options;
     options.num_threads = 1;
@@ -154,6 +157,9 @@ class ConsistencyProblem {
     }
     options.linear_solver_ordering->AddElementToGroup(similarity_.data(), any_lambda ? 1 : 0);
     if (!any_lambda) options.linear_solver_type = ceres::DENSE_QR;
+    const std::unique_ptr<ceres::IterationCallback> stopper =
+        StopBetweenIterations(std::move(stop));
+    options.callbacks.push_back(stopper.get());
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem_, &summary);
   }
@@ -253,9 +259,9 @@ class ConsistencyProblem {
 }  // namespace
 
 Consistency MinimiseInconsistency(const ConsistencyInput& input, const Sim3& target_from_source,
-                                  const ConsistencyOptions& options) {
+                                  const ConsistencyOptions& options, std::stop_token stop) {
   ConsistencyProblem problem(input, target_from_source, options.reprojection_weight);
-  if (options.optimise) problem.Solve();
+  if (options.optimise) problem.Solve(std::move(stop));
   return problem.Cost();
 }
 

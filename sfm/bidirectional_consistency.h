@@ -1,5 +1,6 @@
 #pragma once
 
+#include <stop_token>
 #include <vector>
 
 #include "sfm/core/rigid3.h"
@@ -34,8 +35,8 @@ struct Consistency {
 /// agree that distance does not depend on the point, so the cost says nothing of 3D-3D agreement:
 /// the pixel distance to the matched keypoint is added with its own weight. The paper asks for
 /// points that both models have; a keypoint needs one only of the model it comes from. Huber loss;
-/// Ceres on one thread: the same bytes every time.
+/// Ceres on one thread: the same bytes every time. Once `stop` is set: the similarity as given.
 Consistency MinimiseInconsistency(const ConsistencyInput& input, const Sim3& target_from_source,
-                                  const ConsistencyOptions& options);
+                                  const ConsistencyOptions& options, std::stop_token stop = {});
 
 }  // namespace rotunda::sfm

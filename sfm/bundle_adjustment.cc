@@ -7,6 +7,9 @@
 #include <cmath>
 #include <deque>
 #include <memory>
+#include <utility>
+
+#include "sfm/solver_stop.h"
 
 namespace rotunda::sfm {
 namespace {
@@ -202,7 +205,7 @@ class Adjustment {
     return true;
   }
 
-  Result<BundleAdjustmentReport> Solve() {
+  Result<BundleAdjustmentReport> Solve(std::stop_token stop) {
     ceres::Solver::Options solver;
     solver.max_num_iterations = options_.max_iterations;
     solver.function_tolerance = options_.function_tolerance;
@@ -221,11 +224,16 @@ class Adjustment {
     for (LensBlock& lens : lenses_) {
       if (lens.used) solver.linear_solver_ordering->AddElementToGroup(lens.params.data(), 2);
     }
+    const std::unique_ptr<ceres::IterationCallback> stopper =
+        StopBetweenIterations(std::move(stop));
+    solver.callbacks.push_back(stopper.get());
     ceres::Solver::Summary summary;
     ceres::Solve(solver, problem_.get(), &summary);
     if (!summary.IsSolutionUsable()) {
       for (size_t p = 0; p < points_.size(); ++p) points_[p]->position = starts_[p];
-      return Error{ErrorCode::kFailed, summary.message, "bundle adjustment"};
+      const bool stopped = summary.termination_type == ceres::USER_FAILURE;
+      return Error{stopped ? ErrorCode::kCancelled : ErrorCode::kFailed, summary.message,
+                   "bundle adjustment"};
     }
     return BundleAdjustmentReport{summary.termination_type == ceres::CONVERGENCE,
                                   static_cast<int>(summary.iterations.size()), summary.initial_cost,
@@ -378,7 +386,7 @@ Result<BundleAdjustmentReport> AdjustBundle(Reconstruction& reconstruction,
     return Error{ErrorCode::kInvalidArgument, "no free image sees a point of two images",
                  "bundle adjustment"};
   }
-  ROTUNDA_ASSIGN_OR_RETURN(const BundleAdjustmentReport report, adjustment.Solve());
+  ROTUNDA_ASSIGN_OR_RETURN(const BundleAdjustmentReport report, adjustment.Solve(context.stop));
   adjustment.Store();
   return report;
 }

@@ -101,7 +101,7 @@ class Merger {
     }
     const Consistency consistency = MinimiseInconsistency(
         {input_.features, source, target, agreeing}, *attempt.verdict.target_from_source,
-        {options_.reprojection_weight, options_.bidirectional});
+        {options_.reprojection_weight, options_.bidirectional}, context_.stop);
     attempt.cost_px2 = options_.mean_cost ? consistency.mean_cost_px2 : consistency.cost_px2;
     attempt.verdict =
         JudgeSimilarity(links, source, target, consistency.target_from_source, options_.similarity);

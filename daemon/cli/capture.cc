@@ -20,6 +20,7 @@
 #include "rig/camera_discovery.h"
 #include "rig/capture_session.h"
 #include "rig/frame_set_writer.h"
+#include "sfm/core/calibration.h"
 #include "sfm/core/file_io.h"
 
 namespace rotunda::cli {
@@ -150,8 +151,19 @@ void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json)
               1e-6 * static_cast<double>(written.bytes));
 }
 
+/// The text that goes with the set; read before the pulse, so that nothing can be wrong with it
+/// afterwards.
+Result<std::optional<std::string>> CalibrationText(const std::optional<fs::path>& file) {
+  if (!file) return std::optional<std::string>();
+  ROTUNDA_ASSIGN_OR_RETURN(std::string text, ReadFile(*file));
+  ROTUNDA_RETURN_IF_ERROR(CalibrationFromJson(text, file->string()));
+  return std::optional<std::string>(std::move(text));
+}
+
 Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions& common) {
   ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, 0));
+  rig::FrameSetOrder order;
+  ROTUNDA_ASSIGN_OR_RETURN(order.calibration, CalibrationText(arguments.calibration));
   ROTUNDA_ASSIGN_OR_RETURN(const rig::CaptureOptions options,
                            config::ReadCaptureOptions(arguments.rig));
   ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession::Devices devices,
@@ -163,13 +175,11 @@ Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions
   ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(common.stop));
   rig::Shot facts = daemon::FactsOf(shot);
   rig::FrameSetWriter writer(common.threads);
-  rig::FrameSetOrder order;
   order.out = arguments.out;
   order.id = NowText("%Y%m%dT%H%M%SZ");
   order.captured_at = NowText("%Y-%m-%dT%H:%M:%SZ");
   order.subject = arguments.subject;
   order.trigger_source = arguments.simulated ? "simulated" : "gpio";
-  order.calibration = arguments.calibration;
   const auto ticket = writer.Submit(std::move(order), std::move(shot));
   const Result<rig::WrittenSet> written = WaitForDisk(writer, ticket, common);
   if (!written && written.error().code == ErrorCode::kCancelled) return written.error();

@@ -219,6 +219,9 @@ int CaptureByDaemon(const DaemonShot& shot, const CommonOptions& common) {
   } else {
     std::printf("%s\ncapture %s\n", Text(result, "summary").c_str(),
                 Text(result, "capture").c_str());
+    for (const Json& note : result.value("notes", Json::array())) {
+      std::printf("%s\n", note.get<std::string>().c_str());
+    }
   }
   if (result.value("complete", false)) return kDone;
   return Fail({ErrorCode::kFailed, Text(result, "summary"), "the set is written, but incomplete"});

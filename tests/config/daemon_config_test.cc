@@ -30,6 +30,7 @@ TEST(DaemonConfig, TheShippedFileHasNothingWrongAndTheDefaultValues) {
   DaemonConfig defaults;
   defaults.devices.capture = shipped.config.devices.capture;
   defaults.devices.board = shipped.config.devices.board;
+  defaults.capture_text = shipped.config.capture_text;
   EXPECT_EQ(NeedsRestart(defaults, shipped.config), std::vector<std::string>());
   EXPECT_EQ(shipped.config.access.operator_group, defaults.access.operator_group);
   EXPECT_EQ(shipped.config.storage.keep_days, defaults.storage.keep_days);
@@ -95,6 +96,22 @@ TEST(DaemonConfig, SaysWhatTakesARestart) {
   wanted.drift.position_mm = 1;
   EXPECT_EQ(NeedsRestart(running, wanted),
             (std::vector<std::string>{"service.socket", "drift.position_mm"}));
+}
+
+TEST(DaemonConfig, AChangeInTheCamerasFileTakesARestart) {
+  const test::TemporaryFolder folder;
+  for (const char* name : {"rotundad.toml", "capture.toml", "cuboid.toml"}) {
+    fs::copy_file(Shipped().parent_path() / name, folder / name);
+  }
+  const CheckedDaemonConfig running = CheckDaemonConfig(folder / "rotundad.toml");
+  ASSERT_EQ(Texts(running.problems), std::vector<std::string>());
+  EXPECT_EQ(NeedsRestart(running.config, CheckDaemonConfig(folder / "rotundad.toml").config),
+            std::vector<std::string>());
+  std::ofstream(folder / "capture.toml", std::ios::app) << "\n[cameras.one_more]\nserial = \"X\"\n";
+  const auto keys =
+      NeedsRestart(running.config, CheckDaemonConfig(folder / "rotundad.toml").config);
+  ASSERT_EQ(keys.size(), 1u);
+  EXPECT_NE(keys[0].find("capture.toml"), std::string::npos) << keys[0];
 }
 
 }  // namespace

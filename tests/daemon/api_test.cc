@@ -217,6 +217,22 @@ TEST_F(Api, StatusTellsWhatToSeeTo) {
   EXPECT_EQ(history["items"][0]["capture"], kCapture);
 }
 
+TEST_F(Api, StatusNamesACalibrationInForceThatCannotBeRead) {
+  Fill();
+  const auto problems = [&] {
+    return Checked(Get("/v1/status"), "Status")["problems"].dump().find(
+               "without the calibration in force") != std::string::npos;
+  };
+  EXPECT_FALSE(problems());
+  const auto folder = state_.store().CalibrationFolder(kCalibration);
+  std::filesystem::rename(folder, state_.folder() / "away");
+  EXPECT_TRUE(problems());
+  std::filesystem::rename(state_.folder() / "away", folder);
+  EXPECT_FALSE(problems());
+  std::ofstream(folder / "calibration.json") << "{";
+  EXPECT_TRUE(problems());
+}
+
 TEST_F(Api, ListsComeInPages) {
   Store& store = state_.store();
   for (int i = 0; i < 5; ++i) {
@@ -278,6 +294,18 @@ TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
       Call("POST", "/v1/captures", "x", Role::kOperator, {{"content-type", "text/xml"}}).status,
       415);
   EXPECT_EQ(Call("GET", "/v1/status", "{}").status, 400) << "takes no body";
+}
+
+TEST_F(Api, ABrokenFileOfOursIsNotTheCallersFault) {
+  Fill();
+  std::ofstream(state_.store().CalibrationFolder(kCalibration) / "calibration.json") << "{";
+  const HttpResponse activate =
+      Call("POST", "/v1/calibrations/" + std::string(kCalibration) + "/activate");
+  EXPECT_EQ(activate.status, 500);
+  EXPECT_NE(activate.body.find("calibration.json"), std::string::npos) << activate.body;
+  for (const char* body : {"{", "\xff", "{\"a\":1,\"a\":2}"}) {
+    EXPECT_EQ(Call("POST", "/v1/captures", body).status, 400) << body;
+  }
 }
 
 TEST_F(Api, RolesGuardWhatActs) {
@@ -385,10 +413,13 @@ TEST_F(Api, EventStreamsBeginWhereTheClientSays) {
   const std::map<std::string, std::string> seen = {{"last-event-id", std::to_string(numbers[1])}};
   const HttpResponse resumed = Call("GET", "/v1/events", "", Role::kViewer, seen);
   EXPECT_EQ(NumbersIn(resumed.stream()), std::vector<int>(numbers.begin() + 2, numbers.end()));
-  // What happens later reaches the one that began now.
+  const HttpResponse ahead = Get("/v1/events?after=999999");
+  EXPECT_EQ(NumbersIn(ahead.stream()), std::vector<int>());
+  // What happens later reaches the one that began now, and the one that was ahead.
   test::WriteTinyFrameSet(state_.store().CaptureFolder("late"), "2026-01-02T10:00:00Z");
   ASSERT_TRUE(RecordCapture(state_.store(), "late", std::nullopt));
   EXPECT_EQ(NumbersIn(from_now.stream()).size(), 1u);
+  EXPECT_EQ(NumbersIn(ahead.stream()).size(), 1u);
   for (const char* wrong : {"-1", "x", "1e3", "99999999999999999999"}) {
     EXPECT_EQ(Get(std::string("/v1/events?after=") + wrong).status, 400) << wrong;
   }

@@ -1,13 +1,44 @@
 #include "daemon/capture_job.h"
 
 #include <gtest/gtest.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
+#include <atomic>
+#include <climits>
+#include <map>
+#include <string>
 #include <thread>
 
+#include "daemon/reconstruction_job.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/simulated_rig.h"
+
+namespace {
+
+/// While it is set the disk does not answer where captures are made durable.
+std::atomic<bool> disk_hangs = false;
+std::atomic<int> hanging = 0;
+
+bool IsOfACapture(int fd) {
+  char path[PATH_MAX] = {};
+  const std::string link = "/proc/self/fd/" + std::to_string(fd);
+  return readlink(link.c_str(), path, sizeof(path) - 1) > 0 &&
+         std::string(path).find("/captures/") != std::string::npos;
+}
+
+}  // namespace
+
+/// In place of libc's, for what is linked into this program.
+extern "C" int fsync(int fd) {
+  while (disk_hangs && IsOfACapture(fd)) {
+    hanging = 1;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return static_cast<int>(syscall(SYS_fsync, fd));
+}
 
 namespace rotunda::daemon {
 namespace {
@@ -52,12 +83,12 @@ class CaptureJobTest : public ::testing::Test {
   }
   ~CaptureJobTest() override { queue_.reset(); }
 
-  void StartQueue(uint64_t reserve_bytes) {
+  void StartQueue(uint64_t reserve_bytes, JobQueue::Options options = {}) {
     queue_.reset();
     queue_ = std::make_unique<JobQueue>(
         store(),
         JobHandlers{MakeCaptureHandler(store(), *station_, {reserve_bytes}), Idle(), Idle()},
-        JobQueue::Options{});
+        options);
   }
   Store& store() { return state_.store(); }
   JobRecord Wait(int64_t number) {
@@ -73,6 +104,18 @@ class CaptureJobTest : public ::testing::Test {
     return Wait(job->number);
   }
 
+  /// "now".
+  void PutCalibrationInForce() {
+    Calibration calibration;
+    calibration.created_at = "2026-01-01T00:00:00Z";
+    CalibratedCamera& camera = calibration.cameras.emplace_back();
+    camera.camera = "c000";
+    camera.intrinsics = {CameraModel::kPinhole, 300, 400, {400, 400, 150, 200}};
+    test::WriteCalibrationFolder(store().CalibrationFolder("now"), calibration);
+    ASSERT_TRUE(RecordCalibration(store(), "now").ok());
+    ASSERT_TRUE(ActivateCalibration(store(), "now").ok());
+  }
+
   DaemonState state_;
   SimulatedRig rig_;
   std::unique_ptr<CaptureStation> station_;
@@ -80,15 +123,7 @@ class CaptureJobTest : public ::testing::Test {
 };
 
 TEST_F(CaptureJobTest, MakesADurableFrameSetWithTheCalibrationInForceAndQueuesItsReconstruction) {
-  Calibration calibration;
-  calibration.created_at = "2026-01-01T00:00:00Z";
-  CalibratedCamera& camera = calibration.cameras.emplace_back();
-  camera.camera = "c000";
-  camera.intrinsics = {CameraModel::kPinhole, 300, 400, {400, 400, 150, 200}};
-  test::WriteCalibrationFolder(store().CalibrationFolder("now"), calibration);
-  ASSERT_TRUE(RecordCalibration(store(), "now").ok());
-  ASSERT_TRUE(ActivateCalibration(store(), "now").ok());
-
+  PutCalibrationInForce();
   const JobRecord job = Capture("{\"subject\": \"Anna\"}");
   ASSERT_EQ(job.state, JobState::kDone) << job.error;
   const auto capture = FindCapture(store(), job.product);
@@ -115,6 +150,24 @@ TEST_F(CaptureJobTest, MakesADurableFrameSetWithTheCalibrationInForceAndQueuesIt
   for (const rig::CameraState& state : station_->States()) {
     EXPECT_EQ(state.condition, rig::CameraCondition::kReady) << state.camera;
   }
+}
+
+TEST_F(CaptureJobTest, AShotIsTakenWithoutACalibrationThatCannotBeReadAndSaysSo) {
+  PutCalibrationInForce();
+  const fs::path folder = store().CalibrationFolder("now");
+  const auto expect_without = [&](const std::string& why) {
+    const JobRecord job = Capture("{\"reconstruct\": false}");
+    ASSERT_EQ(job.state, JobState::kDone) << job.error;
+    EXPECT_NE(job.result.find("without the calibration in force"), std::string::npos) << job.result;
+    EXPECT_NE(job.result.find(why), std::string::npos) << job.result;
+    EXPECT_EQ(FindCapture(store(), job.product)->ok_frames, uint64_t{kCameras});
+    EXPECT_FALSE(FindCapture(store(), job.product)->calibration.has_value());
+    EXPECT_FALSE(fs::exists(store().CaptureFolder(job.product) / "calibration.json"));
+  };
+  fs::resize_file(folder / "calibration.json", 20);
+  expect_without("calibration.json");
+  fs::remove_all(folder);
+  expect_without("No such file");
 }
 
 TEST_F(CaptureJobTest, AShotWithMissingCamerasIsKeptAndSaysWhich) {
@@ -165,6 +218,31 @@ TEST_F(CaptureJobTest, ThatHadItsShotBeforeTheDaemonDiedDoesNotTakeAnother) {
   EXPECT_EQ(ListJobs(store(), {})->items[0].kind, JobKind::kReconstruction);
 }
 
+TEST_F(CaptureJobTest, AShotFoundOnTheDiskIsReconstructedAsItsJobAsked) {
+  queue_.reset();
+  const std::map<std::string, bool> asked = {{"with", true}, {"without", false}};
+  for (const auto& [id, reconstruct] : asked) {
+    const std::string body = std::string("{\"reconstruct\":") + (reconstruct ? "true}" : "false}");
+    const auto job = AddJob(store(), {JobKind::kCapture, body, ""});
+    ASSERT_TRUE(TakeJob(store(), {JobKind::kCapture}).ok());
+    ASSERT_TRUE(SetJobProduct(store(), job->number, id).ok());
+    test::WriteTinyFrameSet(store().CaptureFolder(id), "2026-01-01T00:00:00Z");
+  }
+  test::WriteTinyFrameSet(store().CaptureFolder("copied"), "2026-01-01T00:00:00Z");
+  state_.SetFollowUp(CaptureFollowUp);
+  state_.Reopen();
+  EXPECT_EQ(store().recovery().adopted.size(), 3u);
+  const auto queued = ListJobs(store(), {}, JobState::kQueued);
+  ASSERT_EQ(queued->items.size(), 1u) << "of the one that asked for it";
+  EXPECT_EQ(queued->items[0].kind, JobKind::kReconstruction);
+  EXPECT_EQ(queued->items[0].body, ReconstructionBody("with"));
+  // Its job, run again, has nothing more to ask for.
+  StartQueue(0);
+  ASSERT_TRUE(queue_->Rerun(1).ok());
+  EXPECT_EQ(Wait(1).state, JobState::kDone);
+  EXPECT_EQ(ListJobs(store(), {})->items.size(), 3u);
+}
+
 TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsCancelled) {
   // Nothing can be made in a folder that is a file.
   const fs::path captures = state_.folder() / "captures";
@@ -180,6 +258,22 @@ TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsCancelled) {
   fs::create_directory(captures);
   const JobRecord next = Capture("{}");
   EXPECT_EQ(next.state, JobState::kDone) << next.error;
+}
+
+TEST_F(CaptureJobTest, AWriterThatHangsIsAHungJobForTheWatchdog) {
+  JobQueue::Options options;
+  options.capture_silence = 1s;
+  StartQueue(0, options);
+  disk_hangs = true;
+  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
+  while (hanging == 0) std::this_thread::sleep_for(2ms);
+  // Long after the silence; it did not come at all while waiting counted as a sign of life.
+  for (int i = 0; i < 10000 && !queue_->Hung(); ++i) std::this_thread::sleep_for(2ms);
+  const auto hung = queue_->Hung();
+  disk_hangs = false;
+  ASSERT_TRUE(hung.has_value());
+  EXPECT_NE(hung->find("job " + std::to_string(job->number)), std::string::npos) << *hung;
+  EXPECT_EQ(Wait(job->number).state, JobState::kDone) << "a disk that answers again";
 }
 
 TEST_F(CaptureJobTest, APreviewIsAJpegAsSoonAsTheCameraIsReady) {

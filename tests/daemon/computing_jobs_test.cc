@@ -2,8 +2,10 @@
 
 #include "daemon/calibration_job.h"
 #include "daemon/reconstruction_job.h"
+#include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
+#include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/small_frame_set.h"
 
@@ -33,8 +35,8 @@ TEST(ReconstructionJob, TheBodyIsFilledInAndChecked) {
   EXPECT_EQ(handler.check("{ \"pairs\":\"exhaustive\", \"capture\":\"x\" }").value(),
             ReconstructionBody("x"))
       << "the same request, however it is written";
-  EXPECT_EQ(handler.check("{\"capture\": \"y\"}").error().code, ErrorCode::kNotFound);
-  EXPECT_EQ(handler.check("{\"capture\": \"x\", \"calibration\": \"../x\"}").error().code,
+  EXPECT_EQ(handler.refers("{\"capture\": \"y\"}").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(handler.refers("{\"capture\": \"x\", \"calibration\": \"../x\"}").error().code,
             ErrorCode::kNotFound);
   for (const char* body :
        {"{}", "{\"capture\": 3}", "{\"capture\": \"x\", \"method\": \"magic\"}",
@@ -67,14 +69,56 @@ TEST(ReconstructionJob, WhatFailsOrIsStoppedLeavesNothingBehind) {
   }
 }
 
+TEST(ReconstructionJob, ARunAgainKeepsTheIdOfTheFirst) {
+  DaemonState state;
+  AddNoise(state.store(), "x");
+  const JobHandler handler = MakeReconstructionHandler(state.store(), 1);
+  const JobRecord job = JobOf(state.store(), JobKind::kReconstruction, ReconstructionBody("x"));
+  JobContext context{{}, nullptr};
+  for (int run = 0; run < 2; ++run) {
+    EXPECT_FALSE(handler.run(FindJob(state.store(), job.number).value(), context).ok());
+    EXPECT_EQ(FindJob(state.store(), job.number)->product, "x-r1");
+  }
+  const JobRecord other = JobOf(state.store(), JobKind::kReconstruction, ReconstructionBody("x"));
+  EXPECT_FALSE(handler.run(other, context).ok());
+  EXPECT_EQ(FindJob(state.store(), other.number)->product, "x-r2") << "the first is reserved";
+  // Killed between the folder and its row.
+  PoseSet poses;
+  poses.frameset = "x";
+  poses.method = "plain";
+  const fs::path folder = state.store().ReconstructionFolder("x-r1");
+  fs::create_directories(folder);
+  ASSERT_TRUE(WriteNewFile(folder / "poses.json", PoseSetToJson(poses)).ok());
+  const auto made = handler.run(FindJob(state.store(), job.number).value(), context);
+  ASSERT_TRUE(made.ok()) << made.error().ToString();
+  EXPECT_NE(made->find("\"reconstruction\":\"x-r1\""), std::string::npos) << *made;
+  EXPECT_TRUE(FindReconstruction(state.store(), "x-r1").ok());
+}
+
+TEST(CalibrationJob, ARunAgainFindsWhatTheFirstHadMade) {
+  DaemonState state;
+  AddNoise(state.store(), "x");
+  const JobHandler handler = MakeCalibrationHandler(state.store(), {"board.toml", 1});
+  const JobRecord job = JobOf(state.store(), JobKind::kCalibration, "{\"captures\":[\"x\"]}");
+  ASSERT_TRUE(SetJobProduct(state.store(), job.number, "made").ok());
+  Calibration calibration;
+  calibration.created_at = "2026-01-01T00:00:00Z";
+  test::WriteCalibrationFolder(state.store().CalibrationFolder("made"), calibration);
+  JobContext context{{}, nullptr};
+  const auto made = handler.run(FindJob(state.store(), job.number).value(), context);
+  ASSERT_TRUE(made.ok()) << made.error().ToString();
+  EXPECT_NE(made->find("\"calibration\":\"made\""), std::string::npos) << *made;
+  EXPECT_TRUE(FindCalibration(state.store(), "made").ok());
+}
+
 TEST(CalibrationJob, TheRequestIsChecked) {
   DaemonState state;
   AddNoise(state.store(), "x");
   const JobHandler handler = MakeCalibrationHandler(state.store(), {"board.toml", 1});
   EXPECT_EQ(handler.check("{\"captures\": [\"x\"]}").value(),
             "{\"captures\":[\"x\"],\"model\":\"opencv\"}");
-  EXPECT_EQ(handler.check("{\"captures\": [\"x\", \"y\"]}").error().code, ErrorCode::kNotFound);
-  EXPECT_EQ(handler.check("{\"captures\": [\"x\"], \"compare\": \"none\"}").error().code,
+  EXPECT_EQ(handler.refers("{\"captures\": [\"x\", \"y\"]}").error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(handler.refers("{\"captures\": [\"x\"], \"compare\": \"none\"}").error().code,
             ErrorCode::kNotFound);
   for (const char* body : {"{}", "{\"captures\": []}", "{\"captures\": \"x\"}",
                            "{\"captures\": [1]}", "{\"captures\": [\"x\"], \"model\": \"fish\"}",

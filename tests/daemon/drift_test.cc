@@ -264,6 +264,47 @@ TEST_F(DriftTest, ACaptureThatIsReconstructedTwiceCountsOnce) {
   EXPECT_EQ(FindCapture(store(), "x1")->reconstruction, "x1-r2");
 }
 
+TEST_F(DriftTest, TheHistoryIsPagedAlsoWhereACaptureWasComparedTwice) {
+  Calibration other = calibration_;
+  other.id = "other";
+  std::vector<std::string> expected;
+  for (int number = 1; number <= 3; ++number) {
+    Capture(number);
+    Record(number, PosesOf(calibration_, Name(number), {}), "-r1");
+    Record(number, PosesOf(other, Name(number), {}), "-r2");
+    expected.insert(expected.begin(), {Name(number) + "-r1", Name(number) + "-r2"});
+  }
+  for (const size_t limit : {1, 2, 5}) {
+    std::vector<std::string> seen;
+    std::string after;
+    do {
+      const auto page = DriftHistory(store(), "c00r0", {limit, after});
+      ASSERT_TRUE(page.ok()) << page.error().ToString();
+      for (const DriftRecord& drift : page->items) seen.push_back(drift.reconstruction);
+      after = page->next;
+    } while (!after.empty());
+    EXPECT_EQ(seen, expected) << limit << " at a time";
+  }
+  EXPECT_EQ(DriftHistory(store(), "c00r0", {1, "unknown"}).error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(DriftHistory(store(), "nobody", {1, "x1-r1"}).error().code, ErrorCode::kNotFound);
+}
+
+TEST_F(DriftTest, ALaterResultThatIsNotSureDoesNotHideOneThatIs) {
+  Capture(1);
+  PoseSet poses = PosesOf(calibration_, "x1", {});
+  poses.summary.verdict = "unsure";
+  Record(1, poses, "-r1");
+  EXPECT_EQ(FindCapture(store(), "x1")->reconstruction, "x1-r1") << "better than none";
+  poses.summary.verdict = "sure";
+  Record(1, poses, "-r2");
+  poses.summary.verdict.clear();  // as the plain method's
+  Record(1, poses, "-r3");
+  const auto capture = FindCapture(store(), "x1");
+  EXPECT_EQ(capture->reconstruction, "x1-r2");
+  EXPECT_EQ(capture->verdict, "sure");
+  EXPECT_EQ(ListCaptures(store(), {})->items[0].reconstruction, "x1-r2");
+}
+
 TEST(DriftLimitsTest, NeedBothSignificanceAndSize) {
   Calibration calibration;
   PoseSet poses;

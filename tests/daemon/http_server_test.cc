@@ -5,11 +5,13 @@
 #include <grp.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <random>
@@ -59,8 +61,21 @@ class HttpServerTest : public testing::Test {
     auto server = HttpServer::Start(*fd, options_);
     ASSERT_TRUE(server) << server.error().ToString();
     server_ = std::move(*server);
+    server_->Serve();
   }
   std::filesystem::path Socket() const { return folder_ / "s"; }
+  /// A connection that the server has seen; nothing was asked on it.
+  std::unique_ptr<UnixConnection> Idle() {
+    const HttpCounters before = server_->counters();
+    auto connection = std::make_unique<UnixConnection>(Socket());
+    const auto seen = [&] {
+      const HttpCounters now = server_->counters();
+      return now.connections > before.connections ||
+             now.refused_connections > before.refused_connections;
+    };
+    while (!seen()) std::this_thread::sleep_for(milliseconds(1));
+    return connection;
+  }
   std::vector<AccessEntry> Log() {
     const std::lock_guard lock(mutex_);
     return log_;
@@ -238,6 +253,52 @@ TEST_F(HttpServerTest, AClientThatTakesNothingLosesItsConnectionAndHoldsUpNobody
   EXPECT_EQ(Ask(Socket(), "GET", "/large").body.size(), 50000000u);
 }
 
+TEST_F(HttpServerTest, AClientThatTakesNextToNothingLosesItsConnectionInTheEnd) {
+  constexpr size_t kLarge = 20000000;
+  options_.limits.write_ms = kSoon_ms;
+  options_.limits.least_bytes_per_s = std::numeric_limits<int>::max();
+  options_.handle = [](const HttpRequest&) {
+    HttpResponse response;
+    response.body = std::string(kLarge, 'x');
+    return response;
+  };
+  Start();
+  UnixConnection miser(Socket());
+  miser.Send(kGet);
+  size_t taken = 0;
+  while (Log().empty()) {  // each piece in time
+    taken += miser.Read(4000).size();
+    std::this_thread::sleep_for(milliseconds(1));
+  }
+  EXPECT_EQ(Log().back().status, 0) << "given up";
+  EXPECT_LT(taken, kLarge);
+}
+
+TEST_F(HttpServerTest, WhatAnAnswerHoldsIsKeptUntilItIsTakenOrItsClientHasGone) {
+  constexpr size_t kLarge = 20000000;
+  std::atomic<int> held = 0;
+  options_.handle = [&held](const HttpRequest&) {
+    HttpResponse response;
+    response.body = std::string(kLarge, 'x');
+    ++held;
+    response.held = std::shared_ptr<const void>(&held, [&held](const void*) { --held; });
+    return response;
+  };
+  Start();
+  {
+    UnixConnection goes(Socket()), takes(Socket());
+    goes.Send(kGet);
+    takes.Send(kGet);
+    EXPECT_EQ(goes.Read(10).size(), 10u);
+    EXPECT_EQ(takes.Read(10).size(), 10u);
+    EXPECT_EQ(held, 2);
+    takes.Read(kLarge);
+    while (held == 2) std::this_thread::sleep_for(milliseconds(1));
+    EXPECT_EQ(held, 1);
+  }
+  while (held > 0) std::this_thread::sleep_for(milliseconds(1));
+}
+
 TEST_F(HttpServerTest, TooManyConnectionsAreTurnedAway) {
   options_.limits.connections = 3;
   Start();
@@ -248,11 +309,58 @@ TEST_F(HttpServerTest, TooManyConnectionsAreTurnedAway) {
     EXPECT_EQ(ReadAnswer(*taken.back()).status, 200);
   }
   UnixConnection one_more(Socket());
-  EXPECT_EQ(ReadAnswer(one_more).status, 503);
+  const UnixHttpAnswer refusal = ReadAnswer(one_more);
+  EXPECT_EQ(refusal.status, 503);
+  EXPECT_EQ(refusal.headers.at("content-type"), "application/problem+json");
+  EXPECT_NE(refusal.body.find("3 connections"), std::string::npos) << refusal.body;
   EXPECT_EQ(server_->counters().refused_connections, 1u);
   taken.pop_back();
   while (server_->counters().connections == 3) std::this_thread::sleep_for(milliseconds(1));
   EXPECT_EQ(Ask(Socket(), "GET", "/").status, 200);
+}
+
+/// Makes this thread, and no other, another user while it lives: the kernel tells the server who
+/// connected when.
+class AsUser {
+ public:
+  AsUser(uid_t user, gid_t group) {
+    syscall(SYS_setresgid, -1, group, -1);
+    syscall(SYS_setresuid, -1, user, -1);
+  }
+  ~AsUser() {
+    syscall(SYS_setresuid, -1, 0, -1);
+    syscall(SYS_setresgid, -1, 0, -1);
+  }
+  AsUser(const AsUser&) = delete;
+  AsUser& operator=(const AsUser&) = delete;
+};
+
+TEST_F(HttpServerTest, ViewersCannotTakeThePlacesOfOperators) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root to become other users";
+  constexpr gid_t kViewers = 54321;
+  constexpr uid_t kNobody = 65534;
+  options_.limits.connections = 16;
+  options_.limits.streams = 8;
+  options_.access = {{kViewers}, {}};
+  ServeStream();
+  Start();
+  chmod(folder_.path().c_str(), 0755);
+  chmod(Socket().c_str(), 0666);
+  std::vector<std::unique_ptr<UnixConnection>> all;
+  const auto open = [&] {
+    all.push_back(std::make_unique<UnixConnection>(Socket()));
+    all.back()->Send(kGet);
+    return ReadAnswer(*all.back()).status;  // of a stream without waiting for its end
+  };
+  {
+    const AsUser viewer(kNobody, kViewers);
+    for (int i = 0; i < 7; ++i) EXPECT_EQ(open(), 200) << i;
+    EXPECT_EQ(open(), 503) << "the eighth stream";
+    while (server_->counters().connections < 14) all.push_back(Idle());
+    EXPECT_EQ(ReadAnswer(*Idle()).status, 503) << "the fifteenth connection";
+  }
+  EXPECT_EQ(open(), 200) << "an operator's stream";
+  EXPECT_EQ(server_->counters().streams, 8u);
 }
 
 TEST_F(HttpServerTest, FilesAreSentWhole) {
@@ -269,6 +377,48 @@ TEST_F(HttpServerTest, FilesAreSentWhole) {
   EXPECT_TRUE(there.body == bytes) << there.body.size() << " bytes";
   EXPECT_EQ(there.headers.at("content-type"), "image/png");
   EXPECT_EQ(Ask(Socket(), "GET", "/gone").status, 404);
+  std::ofstream(folder_ / "empty") << "";
+  UnixConnection connection(Socket());
+  for (const size_t size : {size_t{0}, bytes.size(), size_t{0}}) {
+    connection.Send("GET /" + std::string(size > 0 ? "there" : "empty") +
+                    " HTTP/1.1\r\nHost: h\r\n\r\n");
+    const UnixHttpAnswer answer = ReadAnswer(connection);
+    EXPECT_EQ(answer.status, 200);
+    EXPECT_EQ(answer.body.size(), size);
+  }
+}
+
+TEST_F(HttpServerTest, AFileThatIsShorterThanItWasIsNotTakenForWhole) {
+  constexpr size_t kLarge = 20000000;
+  std::ofstream(folder_ / "shrinks") << std::string(kLarge, 'y');
+  options_.handle = [this](const HttpRequest&) {
+    HttpResponse response;
+    response.file = folder_ / "shrinks";
+    return response;
+  };
+  Start();
+  UnixConnection connection(Socket());
+  connection.Send(kGet);
+  EXPECT_EQ(connection.Read(10).size(), 10u);
+  std::filesystem::resize_file(folder_ / "shrinks", 10);
+  EXPECT_LT(connection.ReadAll().size(), kLarge);
+  EXPECT_TRUE(connection.closed());
+}
+
+TEST_F(HttpServerTest, AFileThatHangsHoldsUpNobodyElse) {
+  std::ofstream(folder_ / "there") << "picture";
+  ASSERT_EQ(mkfifo((folder_ / "hangs").c_str(), 0600), 0);  // until somebody writes
+  options_.handle = [this](const HttpRequest& request) {
+    HttpResponse response;
+    response.file = folder_ / request.target.substr(1);
+    return response;
+  };
+  Start();
+  UnixConnection waits(Socket());
+  waits.Send("GET /hangs HTTP/1.1\r\nHost: h\r\n\r\n");
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(Ask(Socket(), "GET", "/there").body, "picture");
+  std::ofstream(folder_ / "hangs") << "";
+  EXPECT_NE(ReadAnswer(waits).status, 0);
 }
 
 TEST_F(HttpServerTest, AHandlerThatThrowsIsAnAnswerToo) {

@@ -43,7 +43,7 @@ TEST(HttpTarget, NothingThatCouldNameAnotherFolderPasses) {
                              "/v1?a=1&a=2",
                              "/v1?a=%00"}) {
     const auto parsed = ParseTarget(target);
-    EXPECT_TRUE(!parsed && parsed.error().code == ErrorCode::kBadInput) << target;
+    EXPECT_TRUE(!parsed && parsed.error().code == ErrorCode::kInvalidArgument) << target;
   }
 }
 

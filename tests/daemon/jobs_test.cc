@@ -170,6 +170,24 @@ TEST(Jobs, ThatCannotBeTakenAreRefusedUnlessTheyWereTakenBefore) {
   EXPECT_EQ(queue.Submit(JobKind::kCapture, "{}", "first")->number, taken->number);
 }
 
+TEST(Jobs, ARepeatGivesItsJobAlsoWhenWhatItWasAboutIsGone) {
+  DaemonState state;
+  std::atomic<bool> gone = false;
+  JobHandlers handlers = CapturesDo(Nothing);
+  handlers.capture.refers = [&](const std::string&) -> Status {
+    if (!gone) return {};
+    return Error{ErrorCode::kNotFound, "there is no such capture", ""};
+  };
+  JobQueue queue(state.store(), handlers, {});
+  const auto taken = queue.Submit(JobKind::kCapture, "{}", "first");
+  ASSERT_TRUE(taken.ok());
+  gone = true;
+  EXPECT_EQ(queue.Submit(JobKind::kCapture, "{}", "second").error().code, ErrorCode::kNotFound);
+  const auto again = queue.Submit(JobKind::kCapture, "{}", "first");
+  ASSERT_TRUE(again.ok()) << again.error().ToString();
+  EXPECT_EQ(again->number, taken->number);
+}
+
 TEST(Jobs, AreCancelledWhileTheyWaitAndWhileTheyRun) {
   DaemonState state;
   Gate gate;
@@ -311,6 +329,46 @@ TEST(Jobs, ThatGiveNoSignOfLifeAreNamed) {
   EXPECT_NE(hung->find("job " + std::to_string(job->number)), std::string::npos);
   gate.Open();
   WaitForEnd(state.store(), job->number);
+}
+
+TEST(Jobs, AreRefusedWhenTooManyWait) {
+  DaemonState state;
+  Gate gate;
+  JobQueue::Options options;
+  options.max_queued = 2;
+  JobQueue queue(state.store(), CapturesDo([&](const JobRecord&, JobContext& context) {
+                   return gate.Pass(context);
+                 }),
+                 options);
+  ASSERT_TRUE(queue.Submit(JobKind::kCapture, "{}", "").ok());
+  gate.WaitUntilEntered(1);  // does not wait any more
+  const auto first = queue.Submit(JobKind::kCapture, "{}", "key");
+  const auto second = queue.Submit(JobKind::kCapture, "{}", "");
+  ASSERT_TRUE(first.ok() && second.ok());
+  EXPECT_EQ(queue.Submit(JobKind::kCapture, "{}", "").error().code, ErrorCode::kFailed);
+  EXPECT_EQ(queue.Submit(JobKind::kCapture, "{}", "key")->number, first->number);
+  ASSERT_TRUE(queue.Cancel(second->number).ok());
+  EXPECT_TRUE(queue.Submit(JobKind::kCapture, "{}", "").ok());
+  EXPECT_EQ(queue.Rerun(second->number).error().code, ErrorCode::kFailed);
+  gate.Open();
+}
+
+TEST(Jobs, ThatEndedLongAgoAreForgotten) {
+  DaemonState state;
+  const JobState ends[] = {JobState::kDone,   JobState::kFailed, JobState::kInterrupted,
+                           JobState::kQueued, JobState::kDone,   JobState::kDone};
+  for (const JobState end : ends) {
+    JobRecord job = AddJob(state.store(), {JobKind::kCapture, "{}", ""}).value();
+    job.state = end;
+    ASSERT_TRUE(EndJob(state.store(), job).ok());
+  }
+  EXPECT_EQ(PruneJobs(state.store(), 2).value(), 2u);
+  std::vector<int64_t> left;
+  const auto listed = ListJobs(state.store(), {});
+  for (const JobRecord& job : listed->items) left.push_back(job.number);
+  EXPECT_EQ(left, (std::vector<int64_t>{6, 5, 4, 3})) << "those that wait or were interrupted stay";
+  EXPECT_EQ(PruneJobs(state.store(), 2).value(), 0u);
+  EXPECT_EQ(AddJob(state.store(), {JobKind::kCapture, "{}", ""})->number, 7);
 }
 
 TEST(Jobs, ArePagedNewestFirst) {

@@ -94,6 +94,17 @@ TEST_F(RetentionTest, WhatAJobNeedsStaysUntilItHasEnded) {
   EXPECT_EQ(Left(), "x5 x6 x7");
 }
 
+TEST_F(RetentionTest, AStopLeavesTheRestForTheNextTime) {
+  std::stop_source stop;
+  // At the first that goes.
+  const auto subscription =
+      state_.hub().Subscribe([&stop](const EventRecord&) { stop.request_stop(); });
+  EXPECT_EQ(*ApplyRetention(store(), {3, std::nullopt}, stop.get_token()),
+            std::vector<std::string>{"x0"});
+  EXPECT_EQ(Left(), "x1 x2 x3 x4 x5 x6 x7");
+  EXPECT_EQ(ApplyRetention(store(), {3, std::nullopt})->size(), 4u);
+}
+
 TEST_F(RetentionTest, ACrashInBetweenIsMadeGood) {
   // Rows are gone, folders are not.
   ASSERT_TRUE(store()

@@ -111,6 +111,63 @@ TEST(Store, AdoptsWhatACrashLeftAndRemovesHalfWrittenFolders) {
   EXPECT_EQ(FindCalibration(store, "found")->cameras, 1u);
 }
 
+TEST(Store, AdoptsManyFoldersTogetherAndSaysThatItIsStillAtIt) {
+  constexpr int kFound = 250;
+  DaemonState state;
+  state.Close();
+  for (int i = 0; i < kFound; ++i) {
+    const std::string name = "x" + std::to_string(1000 + i);
+    WriteTinyFrameSet(state.folder() / "captures" / name, "2026-01-01T00:00:00Z", 1);
+  }
+  fs::create_directories(state.folder() / "captures/x1050-rubbish");
+  std::vector<EventRecord> heard;
+  auto subscription =
+      state.hub().Subscribe([&](const EventRecord& event) { heard.push_back(event); });
+  int signs = 0;
+  StoreOptions options{state.folder(), state.clock().Source(), {}};
+  options.still_opening = [&signs] { ++signs; };
+  const auto store = Store::Open(options, state.hub());
+  ASSERT_TRUE(store.ok()) << store.error().ToString();
+  EXPECT_EQ((*store)->recovery().adopted.size(), size_t{kFound});
+  EXPECT_EQ((*store)->recovery().unreadable.size(), 1u);
+  EXPECT_GE(signs, 3);
+  EXPECT_EQ(ListCaptures(**store, {500, ""})->items.size(), size_t{kFound});
+  const auto stored = ListEvents(**store, 0, 1000);
+  ASSERT_EQ(stored->size(), size_t{2 * kFound}) << "stored and adopted, of each";
+  ASSERT_EQ(heard.size(), stored->size());
+  for (size_t i = 0; i < heard.size(); ++i) {
+    EXPECT_EQ(heard[i].number, (*stored)[i].number);
+    EXPECT_EQ(heard[i].about, (*stored)[i].about);
+  }
+}
+
+TEST(Store, WritesTogetherAreAllOrNothingAndSoIsEach) {
+  DaemonState state;
+  Store& store = state.store();
+  const auto add = [&](const std::string& body) {
+    return AddJob(store, {JobKind::kCapture, body, ""}).ok();
+  };
+  const Status failed = Error{ErrorCode::kFailed, "no", ""};
+  EXPECT_FALSE(store.WriteTogether([&] {
+    EXPECT_TRUE(add("one"));
+    EXPECT_EQ(ListJobs(store, {})->items.size(), 1u) << "is seen within";
+    return failed;
+  }));
+  EXPECT_TRUE(ListJobs(store, {})->items.empty());
+  EXPECT_EQ(LastEventNumber(store).value(), 0);
+  EXPECT_TRUE(store.WriteTogether([&] {
+    EXPECT_TRUE(add("two"));
+    EXPECT_FALSE(store.Write([&](Database& database, auto&) {
+      EXPECT_TRUE(database.Execute("DELETE FROM jobs"));
+      return failed;
+    }));
+    EXPECT_TRUE(add("three"));
+    return Status();
+  }));
+  EXPECT_EQ(ListJobs(store, {})->items.size(), 2u);
+  EXPECT_EQ(ListEvents(store, 0, 10)->size(), 2u);
+}
+
 TEST(Store, MarksCapturesWhoseFilesAreGoneUntilTheyAreBack) {
   DaemonState state;
   const fs::path folder = state.store().CaptureFolder("a");
@@ -156,7 +213,7 @@ TEST(StoreSchema, RefusesDatabasesOfOthersAndOfTheFuture) {
   ASSERT_FALSE(opened.ok());
   EXPECT_NE(opened.error().message.find("schema version 1000, this rotundad knows 1 to "),
             std::string::npos);
-  RunSql(file, "PRAGMA user_version = 1");
+  RunSql(file, "PRAGMA user_version = " + std::to_string(SchemaSteps().size()));
   EXPECT_TRUE(state.TryOpen().ok());
 
   RunSql(file, "PRAGMA application_id = 252006675");
@@ -191,6 +248,43 @@ TEST(StoreSchema, TakesAnOldDatabaseThroughTheMissingSteps) {
   EXPECT_FALSE(Migrate(*database, broken).ok());
   EXPECT_EQ(database->Number("PRAGMA user_version").value(), 2);
   EXPECT_EQ(database->Number("SELECT count(*) FROM sqlite_schema WHERE name = 'b'").value(), 0);
+}
+
+/// How SQLite answers the query: "SEARCH jobs USING COVERING INDEX ...".
+std::string PlanOf(Store& store, const std::string& query) {
+  std::string plan;
+  EXPECT_TRUE(store.Read([&](Database& database) {
+    Statement row = database.Prepare("EXPLAIN QUERY PLAN " + query);
+    if (row.Step()) {
+      for (int skipped = 0; skipped < 3; ++skipped) row.Int();
+      plan = row.Text();
+    }
+    return row.status();
+  }));
+  return plan;
+}
+
+TEST(StoreSchema, ADatabaseOfTheFirstVersionGetsWhatCameLater) {
+  const test::TemporaryFolder old;
+  {
+    auto database = Database::Open(old / "rotunda.db", Database::Access::kReadWrite);
+    ASSERT_TRUE(database.ok());
+    ASSERT_TRUE(Migrate(*database, SchemaSteps().first(1)).ok());
+    ASSERT_TRUE(database
+                    ->Execute("INSERT INTO jobs (kind, state, body, product, created_at) VALUES "
+                              "('capture', 'done', '{}', 'x', '2026-01-01T00:00:00.000Z')")
+                    .ok());
+  }
+  EventHub hub;
+  const auto store =
+      Store::Open({old.path(), [] { return std::chrono::system_clock::time_point(); }, {}}, hub);
+  ASSERT_TRUE(store.ok()) << store.error().ToString();
+  EXPECT_EQ(FindJob(**store, 1)->product, "x");
+  EXPECT_NE(PlanOf(**store, "SELECT * FROM jobs WHERE product = 'x'").find("jobs_by_product"),
+            std::string::npos);
+  EXPECT_NE(
+      PlanOf(**store, "SELECT 1 FROM jobs WHERE kind = 'a' AND body = 'b'").find("jobs_by_body"),
+      std::string::npos);
 }
 
 TEST(StoreSchema, RefusesADamagedFileAndSaysWhatToDo) {

@@ -99,6 +99,7 @@ TEST(FrameSetWriter, WritesWhatWasTaken) {
       writer.Wait(writer.Submit(OrderTo(folder / "set"), MakeShot(memory, 3, true)));
   ASSERT_TRUE(written) << written.error().ToString();
   EXPECT_EQ(memory.lent(), 0u);
+  EXPECT_EQ(writer.signs_of_life(), 2u) << "a picture each";
   EXPECT_EQ(written->figures.size(), 2u);
   EXPECT_NEAR(written->figures.at("c0").mean_level, 127.5, 5);
   const auto set = ReadFrameSet(folder / "set");
@@ -164,6 +165,8 @@ TEST(FrameSetWriter, AFullDiskLosesNothing) {
   const auto second = writer.Submit(OrderTo(folder / "second"), MakeShot(memory, 3, false));
   const bool troubled = WaitForTrouble(writer, true);
   const auto trouble = writer.trouble();
+  const uint64_t signs = writer.signs_of_life();
+  while (troubled && writer.signs_of_life() == signs) std::this_thread::sleep_for(10ms);
   full.reset();
   ASSERT_TRUE(troubled);
   EXPECT_EQ(trouble->out, folder / "first");

@@ -7,6 +7,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "daemon/store.h"
 #include "sfm/core/calibration.h"
@@ -40,7 +41,11 @@ class DaemonState {
   const std::filesystem::path& folder() const { return folder_.path(); }
   void Close() { store_.reset(); }
   Result<std::unique_ptr<daemon::Store>> TryOpen() {
-    return daemon::Store::Open({folder_.path(), clock_.Source(), {}}, hub_);
+    return daemon::Store::Open({folder_.path(), clock_.Source(), {}, follow_up_}, hub_);
+  }
+  /// As StoreOptions has it, from the next opening on.
+  void SetFollowUp(decltype(daemon::StoreOptions::follow_up) follow_up) {
+    follow_up_ = std::move(follow_up);
   }
   daemon::Store& Reopen() {
     store_.reset();
@@ -53,6 +58,7 @@ class DaemonState {
  private:
   TemporaryFolder folder_;
   SteppingClock clock_;
+  decltype(daemon::StoreOptions::follow_up) follow_up_;
   daemon::EventHub hub_;
   std::unique_ptr<daemon::Store> store_;
 };
