@@ -6,6 +6,7 @@
 
 #include "sfm/colmap_io.h"
 #include "sfm/core/file_io.h"
+#include "sfm/model_exchange.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -42,10 +43,30 @@ std::string TarHeader(const std::string& name, size_t bytes) {
   return header;
 }
 
+Status WriteModel(const sfm::ColmapModel& model, const std::string& format, const fs::path& out) {
+  const sfm::Reconstruction& reconstruction = model.reconstruction;
+  if (format == "ply") return sfm::WritePly(reconstruction, out / "points.ply");
+  if (format == "nerfstudio") {
+    return sfm::WriteNerfstudioModel(reconstruction, model.image_names, out);
+  }
+  if (format == "metashape") {
+    return sfm::WriteMetashapeModel(reconstruction, model.image_names, out);
+  }
+  if (format == "realitycapture") {
+    return sfm::WriteRealityCaptureModel(reconstruction, model.image_names, out);
+  }
+  FrameSet names;
+  for (const std::string& name : model.image_names) names.frames.emplace_back().file = name;
+  const auto encoding =
+      format == "colmap" ? sfm::ColmapEncoding::kBinary : sfm::ColmapEncoding::kText;
+  return sfm::WriteColmapModel(reconstruction, model.features, names, out, encoding);
+}
+
 }  // namespace
 
 const std::vector<std::string>& ExportFormats() {
-  static const std::vector<std::string> formats = {"colmap", "colmap-text", "ply"};
+  static const std::vector<std::string> formats = {"colmap",    "colmap-text",    "nerfstudio",
+                                                   "metashape", "realitycapture", "ply"};
   return formats;
 }
 
@@ -53,19 +74,9 @@ Result<ExportedModel> ExportModel(const fs::path& reconstruction, const std::str
                                   const fs::path& out) {
   ROTUNDA_ASSIGN_OR_RETURN(const sfm::ColmapModel model,
                            sfm::ReadColmapModel(reconstruction / "sparse" / "0"));
-  const ExportedModel exported = {sfm::RegisteredCount(model.reconstruction),
-                                  model.reconstruction.points.size()};
-  if (format == "ply") {
-    ROTUNDA_RETURN_IF_ERROR(sfm::WritePly(model.reconstruction, out / "points.ply"));
-    return exported;
-  }
-  FrameSet names;
-  for (const std::string& name : model.image_names) names.frames.emplace_back().file = name;
-  const auto encoding =
-      format == "colmap" ? sfm::ColmapEncoding::kBinary : sfm::ColmapEncoding::kText;
-  ROTUNDA_RETURN_IF_ERROR(
-      sfm::WriteColmapModel(model.reconstruction, model.features, names, out, encoding));
-  return exported;
+  ROTUNDA_RETURN_IF_ERROR(WriteModel(model, format, out));
+  return ExportedModel{sfm::RegisteredCount(model.reconstruction),
+                       model.reconstruction.points.size()};
 }
 
 Result<std::string> TarOf(const fs::path& folder) {

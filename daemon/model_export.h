@@ -8,7 +8,8 @@
 
 namespace rotunda::daemon {
 
-/// Formats that a reconstruction can be written in: "colmap", "colmap-text", "ply".
+/// Formats that a reconstruction can be written in: "colmap", "colmap-text", "nerfstudio",
+/// "metashape", "realitycapture" (sfm/model_exchange.h), "ply".
 const std::vector<std::string>& ExportFormats();
 
 struct ExportedModel {

@@ -6,6 +6,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "config/board_config.h"
 #include "config/sim_config.h"
@@ -144,6 +146,20 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->add_option("--scale", options.picture_scale,
                    "Size of the pictures, above 0.05 to 2; 1 is the rig's")
       ->capture_default_str();
+  command
+      ->add_option_function<std::vector<std::string>>(
+          "--move",
+          [&options](const std::vector<std::string>& words) {
+            sim::MovedCamera moved{words.at(0), 0};
+            if (!CLI::detail::lexical_cast(words.at(1), moved.right_mm)) {
+              throw CLI::ValidationError("--move", "'" + words.at(1) + "' is no number of mm");
+            }
+            options.moved = moved;
+          },
+          "Push a camera so many millimetres to its right after the rig was calibrated: "
+          "calibration.json has it where it was, truth.json where it is")
+      ->expected(2)
+      ->type_name("CAMERA MM");
   AddServeOptions(command, arguments->serve);
   command->callback([arguments, out, &common, &chosen] {
     const int tasks = static_cast<int>(out->count() > 0) +

@@ -3,6 +3,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <mutex>
 #include <optional>
@@ -80,6 +81,34 @@ Status Validate(const RigOptions& rig, const SimulateOptions& options) {
                  "texture"};
   }
   return {};
+}
+
+constexpr double kMostMoved_mm = 1000;
+
+Status MoveCamera(const MovedCamera& moved, Calibration& truth) {
+  if (!(std::abs(moved.right_mm) <= kMostMoved_mm)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "a camera is moved by at most " + std::to_string(kMostMoved_mm) + " mm", "moved"};
+  }
+  const auto camera =
+      std::find_if(truth.cameras.begin(), truth.cameras.end(),
+                   [&](const CalibratedCamera& each) { return each.camera == moved.camera; });
+  if (camera == truth.cameras.end()) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "the rig has no camera '" + moved.camera + "' (or leaves it out: see cameras)",
+                 "moved"};
+  }
+  // x_in_cam = R (x - centre): a centre further right has all points further left.
+  camera->cam_from_rig.translation.x() -= 1e-3 * moved.right_mm;
+  return {};
+}
+
+/// The calibration that was made before any camera was moved.
+Result<Calibration> CalibrationBefore(const RigOptions& rig, const SimulateOptions& options) {
+  SimulateOptions before = options;
+  before.moved.reset();
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, before));
+  return DrawCalibration(truth, options.seed);
 }
 
 WorldObject MakeProceduralBody(const SimulateOptions& options, RunContext& context) {
@@ -173,8 +202,8 @@ Status WriteShot(const RigOptions& rig, const Calibration& truth, const Simulate
   if (failed) return Error{ErrorCode::kIo, failed.message(), (folder / "frames").string()};
   ROTUNDA_RETURN_IF_ERROR(WritePictures(world, truth, rig, options, folder, &set.frames, context));
   ROTUNDA_RETURN_IF_ERROR(WriteFileAtomically(folder / "truth.json", CalibrationToJson(truth)));
-  ROTUNDA_RETURN_IF_ERROR(
-      WriteCalibration(DrawCalibration(truth, options.seed), folder / "calibration.json"));
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration calibration, CalibrationBefore(rig, options));
+  ROTUNDA_RETURN_IF_ERROR(WriteCalibration(calibration, folder / "calibration.json"));
   return WriteFileAtomically(folder / "frameset.json", FrameSetToJson(set));
 }
 
@@ -190,6 +219,7 @@ Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions&
       DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
   truth.id = "simulated-" + std::to_string(options.seed);
   if (options.target == Target::kCuboid) truth.board = BoardOf(options);
+  if (options.moved) ROTUNDA_RETURN_IF_ERROR(MoveCamera(*options.moved, truth));
   return truth;
 }
 

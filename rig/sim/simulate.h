@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "rig/board.h"
@@ -20,6 +21,12 @@ namespace rotunda::sim {
 enum class Target { kBody, kCuboid };
 enum class Background { kStudio, kPlain };
 
+/// A camera that somebody has pushed since the rig was calibrated.
+struct MovedCamera {
+  std::string camera;
+  double right_mm = 0;  // along its own x axis; it looks the same way as before
+};
+
 struct SimulateOptions {
   Target target = Target::kBody;
   rig::Board board = rig::CuboidBoard({});  // the target kCuboid: any board
@@ -34,11 +41,13 @@ struct SimulateOptions {
   uint64_t seed = 0;
   int cameras = 90;            // how many of the rig's
   double picture_scale = 1.0;  // of the rig's picture size
+  std::optional<MovedCamera> moved;
 };
 
 /// The faces of the target as they really are: the same in every placement of a seed.
 std::vector<CalibratedFace> BoardOf(const SimulateOptions& options);
-/// The exact cameras of the simulated rig. kInvalidArgument names the option.
+/// The exact cameras of the simulated rig, a moved one where it is now. kInvalidArgument names the
+/// option.
 Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options);
 
 /// Who or what stands in the rig, dressed and lit.
@@ -50,8 +59,9 @@ Picture RenderPicture(const World& world, const RayScene& scene, const Calibrate
                       const RigSensor& sensor, const SimulateOptions& options);
 
 /// Writes a frame set with truth.json (with the target, also its board) and calibration.json
-/// (DrawCalibration) to `out`, which appears whole or not at all. The bytes depend on the options
-/// alone. kInvalidArgument names the option; kCancelled when stopped.
+/// (DrawCalibration; of the rig before a camera was moved) to `out`, which appears whole or not at
+/// all. The bytes depend on the options alone. kInvalidArgument names the option; kCancelled when
+/// stopped.
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context);
 

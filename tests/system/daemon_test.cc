@@ -11,6 +11,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -20,6 +21,7 @@
 #include "sfm/core/frame_set.h"
 #include "tests/support/background_process.h"
 #include "tests/support/process.h"
+#include "tests/support/simulated_daemon.h"
 
 namespace rotunda {
 namespace {
@@ -40,12 +42,7 @@ constexpr int kCameras = 30;
 constexpr int kShots = 3;
 
 bool WaitUntil(const std::function<bool()>& condition) {
-  const auto deadline = std::chrono::steady_clock::now() + kPatience;
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() > deadline) return false;
-    std::this_thread::sleep_for(milliseconds(50));
-  }
-  return true;
+  return test::WaitUntil(kPatience, condition);
 }
 
 /// A folder with the daemon's configuration, its state and its sockets; starts and stops it.
@@ -116,16 +113,6 @@ class Daemon {
   std::unique_ptr<BackgroundProcess> process_;
 };
 
-std::string CaptureToml(const FrameSet& set) {
-  std::string text = "[capture]\nwidth_px = 0\nheight_px = 0\npixel_format = \"" +
-                     set.frames.front().pixel_format + "\"\n[uplinks.u]\n";
-  for (size_t i = 0; i < set.frames.size(); ++i) {
-    text += "[cameras." + set.frames[i].camera + "]\nserial = \"" + set.frames[i].serial +
-            "\"\naddress = \"" + kBlock + "." + std::to_string(i + 1) + "\"\n";
-  }
-  return text;
-}
-
 /// What the simulated cameras see: shots 0 to kShots - 1 the target, shot kShots a person.
 class DaemonSystem : public testing::Test {
  protected:
@@ -138,7 +125,8 @@ class DaemonSystem : public testing::Test {
     Simulate(*folder_ / "person", {}, common);
     const auto set = ReadFrameSet(*folder_ / "person");
     ASSERT_TRUE(set) << set.error().ToString();
-    daemon_ = std::make_unique<Daemon>(CaptureToml(*set), "[http]\nheartbeat_ms = 200\n");
+    daemon_ =
+        std::make_unique<Daemon>(test::CaptureToml(*set, kBlock), "[http]\nheartbeat_ms = 200\n");
     StartCameras();
   }
   static void TearDownTestSuite() {
@@ -285,15 +273,19 @@ void DaemonSystem::LookAtReportAndExports() {
   Daemon& daemon = *daemon_;
   const std::string in_capture = "/v1/captures/" + capture_;
   EXPECT_NE(daemon.Curl(in_capture + "/report").output.find("</html>"), std::string::npos);
-  for (const std::string format : {"colmap", "colmap-text", "ply"}) {
+  // A file that the archive of each must have; "": it is none.
+  const std::map<std::string, std::string> formats = {
+      {"colmap", "images.bin"},     {"colmap-text", "images.txt"},
+      {"metashape", "cameras.xml"}, {"nerfstudio", "transforms.json"},
+      {"realitycapture", ".xmp"},   {"ply", ""}};
+  for (const auto& [format, member] : formats) {
     const fs::path file = daemon / format;
     ASSERT_EQ(daemon.Curl(in_capture + "/export?format=" + format, {"-f", "-o", file}).exit_code,
               0);
-    if (format == "ply") continue;
+    if (member.empty()) continue;
     const ProcessOutcome list = RunProcess({"tar", "-tf", file});
     EXPECT_EQ(list.exit_code, 0) << list.errors;
-    EXPECT_NE(list.output.find(format == "colmap" ? "images.bin" : "images.txt"), std::string::npos)
-        << list.output;
+    EXPECT_NE(list.output.find(member), std::string::npos) << list.output;
   }
 }
 

@@ -234,7 +234,8 @@ TEST_F(SimulatedCapture, ColmapReadsTheModelAndAgrees) {
 }
 
 TEST_F(SimulatedCapture, ExportsAreReadable) {
-  for (const char* format : {"colmap", "colmap-text", "ply"}) {
+  for (const char* format :
+       {"colmap", "colmap-text", "nerfstudio", "metashape", "realitycapture", "ply"}) {
     const fs::path out = *folder_ / (std::string("export-") + format);
     const ProcessOutcome outcome =
         Rotunda({"export", *folder_ / "out", "--format", format, "--out", out, "--json"});
@@ -253,6 +254,14 @@ TEST_F(SimulatedCapture, ExportsAreReadable) {
   }
   EXPECT_TRUE(Bytes(*folder_ / "export-ply" / "points.ply") ==
               Bytes(*folder_ / "out" / "points.ply"));
+  for (const std::string& name : original->image_names) {
+    const std::string stem = fs::path(name).stem();
+    EXPECT_TRUE(fs::exists(*folder_ / "export-realitycapture" / (stem + ".xmp"))) << stem;
+    EXPECT_NE(Bytes(*folder_ / "export-metashape" / "cameras.xml").find("\"" + stem + "\""),
+              std::string::npos);
+    EXPECT_NE(Bytes(*folder_ / "export-nerfstudio" / "transforms.json").find("images/" + name),
+              std::string::npos);
+  }
 }
 
 TEST_F(SimulatedCapture, TheSameMatchesFromAColmapDatabaseGiveTheSamePoses) {

@@ -86,6 +86,36 @@ TEST(SimulateFrameSet, ReadsBackAsAFrameSetWithTruth) {
   EXPECT_EQ(set->trigger.at("source"), TriggerValue("simulated"));
 }
 
+TEST(SimulateFrameSet, AMovedCameraIsNotWhereItsCalibrationHasIt) {
+  ThreadPool threads(2);
+  RunContext context{threads};
+  SimulateOptions options = SmallCuboid();
+  const fs::path before = Fresh("before"), after = Fresh("after");
+  ASSERT_TRUE(SimulateFrameSet({}, options, before, context));
+  const auto was = ReadCalibration(before / "truth.json");
+  ASSERT_TRUE(was);
+  options.moved = {was->cameras[2].camera, 20};
+  ASSERT_TRUE(SimulateFrameSet({}, options, after, context));
+  const auto is = ReadCalibration(after / "truth.json");
+  ASSERT_TRUE(is);
+  for (size_t i = 0; i < was->cameras.size(); ++i) {
+    const Rigid3& old = was->cameras[i].cam_from_rig;
+    const Rigid3& now = is->cameras[i].cam_from_rig;
+    const Eigen::Vector3d moved_m = now.OriginInSource() - old.OriginInSource();
+    const Eigen::Vector3d right = old.rotation.conjugate() * Eigen::Vector3d::UnitX();
+    EXPECT_LT((moved_m - (i == 2 ? 0.020 : 0.0) * right).norm(), 1e-12) << i;
+    EXPECT_LT(RotationAngle_rad(now.rotation, old.rotation), 1e-12) << i;
+    const std::string file = "frames/" + was->cameras[i].camera + ".png";
+    EXPECT_EQ(*ReadFile(before / file) == *ReadFile(after / file), i != 2) << i;
+  }
+  EXPECT_EQ(*ReadFile(before / "calibration.json"), *ReadFile(after / "calibration.json"));
+  options.moved = {"c99r9", 20};
+  const Status refused = SimulateFrameSet({}, options, Fresh("none"), context);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
+  EXPECT_NE(refused.error().message.find("c99r9"), std::string::npos);
+}
+
 TEST(SimulateFrameSet, RefusesBadOptionsAndLeavesNothing) {
   ThreadPool threads(1);
   RunContext context{threads};
