@@ -505,7 +505,7 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   context.Report("start", 0, 1);
   ROTUNDA_ASSIGN_OR_RETURN(
       CalibrationStart start,
-      StartCalibration(problem, result.found, sightings.cameras, known, options.start, context));
+      StartCalibration(problem, {result.found, sightings.cameras, known}, options.start, context));
   context.Report("start", 1, 1);
   result.model = std::move(start.model);
   result.camera_problem = std::move(start.camera_problem);
