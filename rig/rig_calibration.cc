@@ -412,8 +412,8 @@ Calibration AsCalibration(const RigCalibration& result, const BoardSightings& si
 Result<RigUncertainty> UncertaintyOf(const RigProblem& problem, const BoardSightings& sightings,
                                      const RigCalibration& result, RunContext& context) {
   const std::vector<FaceView> views = WithNoise(result.kept, result.noise);
-  Result<RigUncertainty> uncertainty =
-      BuildUncertainty(problem, views, result.model, result.free, result.held_intrinsics, context);
+  Result<RigUncertainty> uncertainty = BuildUncertainty(
+      problem, views, result.model, {result.free, result.held_intrinsics}, context);
   if (uncertainty || uncertainty.error().code != ErrorCode::kFailed) return uncertainty;
   std::string names;
   for (const size_t c : UndeterminedCameras(problem, views, result.model, result.free, context)) {
