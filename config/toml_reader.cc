@@ -4,6 +4,8 @@
 #include <limits>
 #include <sstream>
 
+#include "sfm/core/rigid3.h"
+
 namespace rotunda::config {
 namespace {
 
@@ -18,6 +20,11 @@ std::string Describe(const toml::node& node) {
   std::ostringstream text;
   text << node.type();
   return text.str();
+}
+
+double FromUnit(double value, Unit unit) {
+  if (unit == Unit::kMillimetres) return 1e-3 * value;
+  return unit == Unit::kDegrees ? RadFromDeg(value) : value;
 }
 
 }  // namespace
@@ -128,7 +135,7 @@ Status TomlFile::ReadField(const toml::node& node, const std::string& name,
     **whole = static_cast<int>(*value);
   } else if (double* const* number = std::get_if<double*>(&field.target)) {
     if (!node.is_number()) return expected("a number");
-    **number = node.value<double>().value_or(0.0);
+    **number = FromUnit(node.value<double>().value_or(0.0), field.unit);
   } else if (bool* const* flag = std::get_if<bool*>(&field.target)) {
     if (!node.is_boolean()) return expected("true or false");
     **flag = node.value<bool>().value_or(false);
@@ -141,7 +148,7 @@ Status TomlFile::ReadField(const toml::node& node, const std::string& name,
     for (size_t i = 0; i < 3; ++i) {
       if (!list->get(i)->is_number()) return expected("three numbers [x, y, z]");
       (*std::get<Eigen::Vector3d*>(field.target))[static_cast<Eigen::Index>(i)] =
-          list->get(i)->value<double>().value_or(0.0);
+          FromUnit(list->get(i)->value<double>().value_or(0.0), field.unit);
     }
   }
   return {};

@@ -14,10 +14,14 @@
 
 namespace rotunda::config {
 
+/// What a number in the file is given in; its target is in metres or radians then.
+enum class Unit { kNone, kMillimetres, kDegrees };
+
 /// One key of a table and where its value goes.
 struct Field {
   std::string_view key;
   std::variant<int*, double*, bool*, std::string*, Eigen::Vector3d*> target;
+  Unit unit = Unit::kNone;
 };
 
 /// A table; "face[1]" is the second of the list of tables [[face]].

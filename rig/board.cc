@@ -6,6 +6,7 @@
 #include <cmath>
 #include <opencv2/aruco.hpp>
 #include <set>
+#include <span>
 #include <sstream>
 #include <utility>
 
@@ -98,6 +99,35 @@ Status ValidateFace(const BoardFace& face, const std::string& key) {
   return {};
 }
 
+/// Each id is on one face: not on `others` too.
+Status ValidateIds(std::span<const BoardFace> others, const BoardFace& face,
+                   const std::string& key) {
+  for (const BoardFace& other : others) {
+    const int other_end = other.first_id + other.MarkerCount();
+    if (IdSpaceOf(other.dictionary) == IdSpaceOf(face.dictionary) && face.first_id < other_end &&
+        other.first_id < face.first_id + face.MarkerCount()) {
+      return Refused(key + ".first_id", face.first_id,
+                     "what leaves the ids " + std::to_string(other.first_id) + " to " +
+                         std::to_string(other_end - 1) + " to face '" + other.name + "'");
+    }
+  }
+  return {};
+}
+
+Status ValidateSigmas(const Board& board) {
+  if (!(board.face_position_sigma_m >= 0)) {
+    return Refused("board.face_position_sigma_mm", 1e3 * board.face_position_sigma_m, "0 or more");
+  }
+  if (!(board.face_rotation_sigma_rad >= 0)) {
+    return Refused("board.face_rotation_sigma_deg", DegFromRad(board.face_rotation_sigma_rad),
+                   "0 or more");
+  }
+  if (!(board.bow_sigma_m >= 0)) {
+    return Refused("board.bow_sigma_mm", 1e3 * board.bow_sigma_m, "0 or more");
+  }
+  return {};
+}
+
 /// Right, down and into the board as the columns of a rotation.
 Rigid3 FacePose(const Eigen::Vector3d& right, const Eigen::Vector3d& down,
                 const Eigen::Vector3d& origin_m) {
@@ -156,28 +186,9 @@ Status Board::Validate() const {
       return Refused(key + ".name", "'" + face.name + "'", "what no other face is called");
     }
     ROTUNDA_RETURN_IF_ERROR(ValidateFace(face, key));
-    for (size_t j = 0; j < i; ++j) {
-      const BoardFace& other = faces[j];
-      const int other_end = other.first_id + other.MarkerCount();
-      if (IdSpaceOf(other.dictionary) == IdSpaceOf(face.dictionary) && face.first_id < other_end &&
-          other.first_id < face.first_id + face.MarkerCount()) {
-        return Refused(key + ".first_id", face.first_id,
-                       "what leaves the ids " + std::to_string(other.first_id) + " to " +
-                           std::to_string(other_end - 1) + " to face '" + other.name + "'");
-      }
-    }
+    ROTUNDA_RETURN_IF_ERROR(ValidateIds({faces.data(), i}, face, key));
   }
-  if (!(face_position_sigma_m >= 0)) {
-    return Refused("board.face_position_sigma_mm", 1e3 * face_position_sigma_m, "0 or more");
-  }
-  if (!(face_rotation_sigma_rad >= 0)) {
-    return Refused("board.face_rotation_sigma_deg", DegFromRad(face_rotation_sigma_rad),
-                   "0 or more");
-  }
-  if (!(bow_sigma_m >= 0)) {
-    return Refused("board.bow_sigma_mm", 1e3 * bow_sigma_m, "0 or more");
-  }
-  return {};
+  return ValidateSigmas(*this);
 }
 
 Eigen::Vector2d BowShape(const BoardFace& face, double x_m, double y_m) {

@@ -59,10 +59,10 @@ struct RigFrameSetting {
 /// screwed together. How far the real one may be from the drawing (one standard deviation) is what
 /// calibration takes as prior; infinite where the drawing says nothing.
 struct Board {
-  std::string name;
+  std::string name = "board";
   std::vector<BoardFace> faces;
   double face_position_sigma_m = 1e-3;
-  double face_rotation_sigma_rad = 0.0035;  // 0.2 deg
+  double face_rotation_sigma_rad = RadFromDeg(0.2);
   RigFrameSetting rig_frame;
   double bow_sigma_m = 0.5e-3;  // of both parts of CalibratedFace::bow_m; 0: the boards are flat
 

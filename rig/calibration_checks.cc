@@ -83,9 +83,29 @@ void Advise(const RigCalibration& result, size_t camera, const CalibrationCheckO
   }
 }
 
-struct HeldOut {
-  std::vector<double> squared_px;
-};
+/// Sums over the kept corners into the cameras' checks: how many, by cell too, their residuals by
+/// cell, and in `rms_px` the squares. Returns the root mean square of all.
+double SumKept(const BoardShape& shape, const RigCalibration& result,
+               const CalibrationCheckOptions& options, std::vector<CameraCheck>& checks) {
+  std::vector<std::set<size_t>> shots(checks.size());
+  double squares = 0;
+  for (const FaceView& view : result.kept) {
+    CameraCheck& check = checks[view.camera];
+    const auto residuals = Residuals_px(result.model, shape, view);
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      const size_t cell =
+          CellOf(view.corners[i].pixel, result.model.intrinsics[view.camera], options);
+      ++check.cells[cell];
+      check.mean_px[cell] += residuals[i];
+      check.rms_px += residuals[i].squaredNorm();
+      squares += residuals[i].squaredNorm();
+    }
+    check.kept += view.corners.size();
+    shots[view.camera].insert(view.shot);
+  }
+  for (size_t c = 0; c < checks.size(); ++c) checks[c].pictures = shots[c].size();
+  return std::sqrt(squares / static_cast<double>(CornerCount(result.kept)));
+}
 
 using Chooser = std::function<bool(const FaceView&, const SeenCorner&)>;
 
@@ -117,15 +137,45 @@ RigModel SeenIn(const std::vector<FaceView>& views, const RigModel& model, size_
   return seen;
 }
 
-/// Errors of the views that `held` chooses under a calibration from the others.
-Status TestHeldOut(const RigProblem& problem, const RigCalibration& result, const Chooser& held,
-                   bool by_shots, HeldOut& errors, RunContext& context) {
+/// A calibration that is divided into parts, and how: by shots, else by corners.
+struct Division {
+  const RigProblem& problem;
+  const RigCalibration& result;
+  bool by_shots = false;
+  size_t shots_used = 0;
+  std::vector<size_t> order = {};  // of a used shot among the used ones
+
+  /// Part `which` of `parts`.
+  Chooser Part(size_t which, size_t parts) const {
+    return [this, which, parts](const FaceView& view, const SeenCorner& corner) {
+      const size_t place = by_shots ? order[view.shot] : static_cast<size_t>(corner.corner);
+      return place % parts == which;
+    };
+  }
+};
+
+Division Divide(const RigProblem& problem, const RigCalibration& result) {
+  constexpr size_t kMinShots = 4;
+  Division division = {problem, result};
+  for (const auto& shot : result.model.rig_from_board) {
+    division.order.push_back(division.shots_used);
+    division.shots_used += shot.has_value();
+  }
+  division.by_shots = division.shots_used >= kMinShots;
+  return division;
+}
+
+/// Squared errors of what `held` chooses under a calibration from the rest, in pixels.
+Result<std::vector<double>> HeldOutErrors(const Division& division, const Chooser& held,
+                                          RunContext& context) {
+  const RigProblem& problem = division.problem;
+  const RigCalibration& result = division.result;
   const auto rest =
       Chosen(result.kept, [&](const FaceView& v, const SeenCorner& c) { return !held(v, c); });
   const RigModel start = SeenIn(rest, result.model, RigCalibrationOptions().min_camera_corners);
   ROTUNDA_ASSIGN_OR_RETURN(RigModel model, Readjust(problem, rest, result.free, start, context));
   const auto test = Chosen(result.kept, held);
-  if (by_shots) {
+  if (division.by_shots) {
     for (size_t s = 0; s < model.rig_from_board.size(); ++s) {
       if (!model.rig_from_board[s]) model.rig_from_board[s] = result.model.rig_from_board[s];
     }
@@ -133,25 +183,39 @@ Status TestHeldOut(const RigProblem& problem, const RigCalibration& result, cons
         .cameras = false, .intrinsics = false, .shots = true, .faces = false};
     ROTUNDA_ASSIGN_OR_RETURN(model, Readjust(problem, test, shots_alone, model, context));
   }
+  std::vector<double> squared_px;
   for (const FaceView& view : test) {
     if (!model.Has(view)) continue;
     for (const Eigen::Vector2d& residual : Residuals_px(model, problem.shape, view)) {
-      errors.squared_px.push_back(residual.squaredNorm());
+      squared_px.push_back(residual.squaredNorm());
     }
   }
-  return {};
+  return squared_px;
+}
+
+/// `squared_px` is not empty.
+void SummarizeHeldOut(std::vector<double> squared_px, CrossValidation& validation) {
+  validation.held_out_corners = squared_px.size();
+  double sum = 0;
+  for (const double squared : squared_px) sum += squared;
+  validation.held_out_rms_px = std::sqrt(sum / static_cast<double>(squared_px.size()));
+  const auto p95 =
+      squared_px.begin() + static_cast<std::ptrdiff_t>(95 * (squared_px.size() - 1) / 100);
+  std::nth_element(squared_px.begin(), p95, squared_px.end());
+  validation.held_out_p95_px = std::sqrt(*p95);
 }
 
 /// A half's cameras with their covariances, as a calibration to compare.
-Result<Calibration> CalibrateHalf(const RigProblem& problem, const RigCalibration& result,
-                                  const Chooser& choose, RunContext& context) {
-  const auto views = Chosen(result.kept, choose);
+Result<Calibration> CalibrateHalf(const Division& division, size_t which, RunContext& context) {
+  const RigProblem& problem = division.problem;
+  const RigCalibration& result = division.result;
+  const auto views = Chosen(result.kept, division.Part(which, 2));
   RigCalibration half;
   half.model = SeenIn(views, result.model, RigCalibrationOptions().min_camera_corners);
   ROTUNDA_ASSIGN_OR_RETURN(half.model, Readjust(problem, views, result.free, half.model, context));
   ROTUNDA_ASSIGN_OR_RETURN(half.uncertainty,
                            BuildUncertainty(problem, WithNoise(views, result.noise), half.model,
-                                            result.free, result.held_intrinsics, context));
+                                            {result.free, result.held_intrinsics}, context));
   Calibration calibration;
   for (size_t c = 0; c < half.model.cam_from_rig.size(); ++c) {
     if (!half.model.cam_from_rig[c] || !half.uncertainty.cameras[c]) continue;
@@ -190,39 +254,36 @@ void CompareHalves(const Calibration& first, const Calibration& second,
   validation.half_position_mm /= count;
 }
 
+/// A camera with a pose, as the file has it; `c` is its place.
+CalibratedCamera CameraOf(const SightedCamera& sighted, size_t c, const CameraCheck& check,
+                          const RigCalibration& result) {
+  const CameraUncertainty& uncertainty = *result.uncertainty.cameras[c];
+  CalibratedCamera camera;
+  camera.camera = sighted.camera;
+  camera.serial = sighted.serial;
+  camera.intrinsics = result.model.intrinsics[c];
+  camera.cam_from_rig = *result.model.cam_from_rig[c];
+  camera.sigma = uncertainty.sigma;
+  camera.covariance = uncertainty.covariance;
+  camera.fit = CameraFit{check.found, check.kept, check.rms_px, uncertainty.projection_mean_px,
+                         uncertainty.projection_max_px};
+  return camera;
+}
+
 }  // namespace
 
 std::vector<CameraCheck> CheckCameras(const Board& board, const BoardSightings& sightings,
                                       const RigCalibration& result,
                                       const CalibrationCheckOptions& options) {
-  const BoardShape shape = ShapeOf(board);
-  std::vector<CameraCheck> checks(sightings.cameras.size());
   const auto cells = static_cast<size_t>(options.cells_across * options.cells_down);
-  for (CameraCheck& check : checks) {
-    check.cells.assign(cells, 0);
-    check.mean_px.assign(cells, Eigen::Vector2d::Zero());
-  }
-  std::vector<std::set<size_t>> shots(checks.size());
-  double squares = 0;
+  CameraCheck unseen;
+  unseen.cells.assign(cells, 0);
+  unseen.mean_px.assign(cells, Eigen::Vector2d::Zero());
+  std::vector<CameraCheck> checks(sightings.cameras.size(), unseen);
   for (const FaceView& view : result.found) checks[view.camera].found += view.corners.size();
-  for (const FaceView& view : result.kept) {
-    CameraCheck& check = checks[view.camera];
-    const auto residuals = Residuals_px(result.model, shape, view);
-    for (size_t i = 0; i < residuals.size(); ++i) {
-      const size_t cell =
-          CellOf(view.corners[i].pixel, result.model.intrinsics[view.camera], options);
-      ++check.cells[cell];
-      check.mean_px[cell] += residuals[i];
-      check.rms_px += residuals[i].squaredNorm();
-      squares += residuals[i].squaredNorm();
-    }
-    check.kept += view.corners.size();
-    shots[view.camera].insert(view.shot);
-  }
-  const double rms_px = std::sqrt(squares / static_cast<double>(CornerCount(result.kept)));
+  const double rms_px = SumKept(ShapeOf(board), result, options, checks);
   for (size_t c = 0; c < checks.size(); ++c) {
     CameraCheck& check = checks[c];
-    check.pictures = shots[c].size();
     if (check.kept == 0) continue;
     check.rms_px = std::sqrt(check.rms_px / static_cast<double>(check.kept));
     for (size_t i = 0; i < cells; ++i) {
@@ -242,38 +303,22 @@ Result<CrossValidation> CrossValidate(const Board& board, const RigCalibration& 
                                       const CalibrationCheckOptions& options, RunContext& context) {
   const BoardShape shape = ShapeOf(board);
   const RigProblem problem = {board, shape, result.priors};
-  std::vector<size_t> order(result.model.rig_from_board.size(), 0);  // of a used shot among them
-  size_t used = 0;
-  for (size_t s = 0; s < order.size(); ++s) {
-    order[s] = used;
-    used += result.model.rig_from_board[s].has_value();
-  }
+  const Division division = Divide(problem, result);
   CrossValidation validation;
-  constexpr size_t kMinShots = 4;
-  validation.by_shots = used >= kMinShots;
-  const auto folds = static_cast<size_t>(
-      validation.by_shots ? std::min<int>(options.folds, static_cast<int>(used)) : 2);
-  const auto part = [&](const FaceView& view, const SeenCorner& corner, size_t parts) {
-    return (validation.by_shots ? order[view.shot] : static_cast<size_t>(corner.corner)) % parts;
-  };
-  HeldOut errors;
+  validation.by_shots = division.by_shots;
+  const size_t folds =
+      division.by_shots ? std::min(static_cast<size_t>(options.folds), division.shots_used) : 2;
+  std::vector<double> squared_px;
   for (size_t fold = 0; fold < folds; ++fold) {
     context.Report("cross-validation", fold, folds + 2);
-    const Chooser held = [&](const FaceView& view, const SeenCorner& corner) {
-      return part(view, corner, folds) == fold;
-    };
-    ROTUNDA_RETURN_IF_ERROR(
-        TestHeldOut(problem, result, held, validation.by_shots, errors, context));
+    ROTUNDA_ASSIGN_OR_RETURN(const std::vector<double> some,
+                             HeldOutErrors(division, division.Part(fold, folds), context));
+    squared_px.insert(squared_px.end(), some.begin(), some.end());
   }
   std::vector<Calibration> halves;
   for (size_t half = 0; half < 2; ++half) {
     context.Report("cross-validation", folds + half, folds + 2);
-    auto calibration = CalibrateHalf(
-        problem, result,
-        [&](const FaceView& view, const SeenCorner& corner) {
-          return part(view, corner, 2) == half;
-        },
-        context);
+    auto calibration = CalibrateHalf(division, half, context);
     if (!calibration && calibration.error().code == ErrorCode::kCancelled) {
       return calibration.error();
     }
@@ -281,15 +326,7 @@ Result<CrossValidation> CrossValidate(const Board& board, const RigCalibration& 
   }
   if (halves.size() == 2) CompareHalves(halves[0], halves[1], validation);
   context.Report("cross-validation", folds + 2, folds + 2);
-  if (errors.squared_px.empty()) return validation;
-  validation.held_out_corners = errors.squared_px.size();
-  double sum = 0;
-  for (const double squared : errors.squared_px) sum += squared;
-  validation.held_out_rms_px = std::sqrt(sum / static_cast<double>(errors.squared_px.size()));
-  const auto p95 = errors.squared_px.begin() +
-                   static_cast<std::ptrdiff_t>(95 * (errors.squared_px.size() - 1) / 100);
-  std::nth_element(errors.squared_px.begin(), p95, errors.squared_px.end());
-  validation.held_out_p95_px = std::sqrt(*p95);
+  if (!squared_px.empty()) SummarizeHeldOut(std::move(squared_px), validation);
   return validation;
 }
 
@@ -301,18 +338,8 @@ Calibration ToCalibration(const Board& board, const BoardSightings& sightings,
   double squares = 0;
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
     if (!result.model.cam_from_rig[c]) continue;
-    const CameraUncertainty& uncertainty = *result.uncertainty.cameras[c];
-    CalibratedCamera camera;
-    camera.camera = sightings.cameras[c].camera;
-    camera.serial = sightings.cameras[c].serial;
-    camera.intrinsics = result.model.intrinsics[c];
-    camera.cam_from_rig = *result.model.cam_from_rig[c];
-    camera.sigma = uncertainty.sigma;
-    camera.covariance = uncertainty.covariance;
-    camera.fit = CameraFit{checks[c].found, checks[c].kept, checks[c].rms_px,
-                           uncertainty.projection_mean_px, uncertainty.projection_max_px};
+    calibration.cameras.push_back(CameraOf(sightings.cameras[c], c, checks[c], result));
     squares += std::pow(checks[c].rms_px, 2) * static_cast<double>(checks[c].kept);
-    calibration.cameras.push_back(std::move(camera));
   }
   for (size_t f = 0; f < board.faces.size(); ++f) {
     if (!result.uncertainty.faces[f]) continue;

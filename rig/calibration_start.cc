@@ -12,6 +12,26 @@
 namespace rotunda::rig {
 namespace {
 
+/// What every stage of a start looks at.
+struct StartTask {
+  const RigProblem& problem;
+  const StartInput& input;
+  const CalibrationStartOptions& options;
+};
+
+/// Bodies, and what each camera saw of them: a picture for each shot and body.
+struct SeenBodies {
+  std::vector<Body> bodies;
+  std::vector<std::vector<BodyViews>> by_camera;
+};
+
+BodySearch SearchOf(const StartTask& task, const SeenBodies& seen) {
+  return {task.problem, seen.bodies, task.options.min_corners};
+}
+
+/// By camera; nullopt: it saw too little.
+using Lenses = std::vector<std::optional<CameraIntrinsics>>;
+
 /// What a camera saw of a body in a shot, and from where it may have seen it.
 struct Sighting {
   size_t camera = 0, shot = 0, body = 0;
@@ -78,8 +98,7 @@ double WeightOf(const std::vector<const FaceView*>& views, const CameraIntrinsic
 
 /// A camera with one or two pictures of planes cannot tell its focal length from its distance: it
 /// starts from the median of the others with pictures of its size.
-void BorrowFocals(const std::vector<std::vector<BodyViews>>& seen,
-                  std::vector<std::optional<CameraIntrinsics>>& lenses) {
+void BorrowFocals(const std::vector<std::vector<BodyViews>>& seen, Lenses& lenses) {
   constexpr size_t kFewPictures = 2;
   constexpr double kFarFromMedian = 1.15;
   for (size_t c = 0; c < lenses.size(); ++c) {
@@ -101,68 +120,30 @@ void BorrowFocals(const std::vector<std::vector<BodyViews>>& seen,
   }
 }
 
-/// Sightings grouped by what they share, as lists of places in `sightings`.
-using Shared = std::map<std::pair<size_t, size_t>, std::vector<size_t>>;
-
-/// Links between groups of cameras (`of_cameras`) or of bodies, from the sightings of one shot that
-/// share a group of the other kind.
-std::vector<GroupLink> FindLinks(const std::vector<Sighting>& sightings, const PoseGroups& cameras,
-                                 const PoseGroups& bodies, bool of_cameras,
-                                 const PoseAgreement& agreement) {
-  Shared shared;
-  for (size_t i = 0; i < sightings.size(); ++i) {
-    const Sighting& s = sightings[i];
-    const size_t other = of_cameras ? bodies.group(s.body) : cameras.group(s.camera);
-    shared[{s.shot, other}].push_back(i);
-  }
-  const auto group = [&](const Sighting& s) {
-    return of_cameras ? cameras.group(s.camera) : bodies.group(s.body);
-  };
-  // Pose of the other kind's group in this kind's.
-  const auto pose = [&](const Sighting& s, const PoseHypothesis& hypothesis) {
-    const Rigid3 cameras_from_bodies = cameras.group_from(s.camera) * hypothesis.cam_from_body *
-                                       bodies.group_from(s.body).Inverse();
-    return of_cameras ? cameras_from_bodies : cameras_from_bodies.Inverse();
-  };
-  std::map<std::pair<size_t, size_t>, std::vector<PoseVote>> votes;
-  for (const auto& [key, places] : shared) {
-    for (const size_t i : places) {
-      for (const size_t j : places) {
-        const Sighting& a = sightings[i];
-        const Sighting& b = sightings[j];
-        if (group(a) >= group(b)) continue;
-        for (const PoseHypothesis& of_a : a.poses) {
-          for (const PoseHypothesis& of_b : b.poses) {
-            const double doubt = std::pow(
-                a.poses[0].error_px / of_a.error_px * b.poses[0].error_px / of_b.error_px, 2);
-            votes[{group(a), group(b)}].push_back(
-                {pose(a, of_a) * pose(b, of_b).Inverse(), doubt * std::min(a.weight, b.weight),
-                 0.5 * (of_a.cam_from_body.translation.norm() +
-                        of_b.cam_from_body.translation.norm()),
-                 of_cameras ? a.shot : a.shot * cameras.size() + a.camera});
-          }
-        }
-      }
-    }
-  }
-  std::vector<GroupLink> links;
-  for (const auto& [groups, of_groups] : votes) {
-    links.push_back({groups.first, groups.second, FindConsensus(of_groups, agreement)});
-  }
-  return links;
+/// The lenses that are known, and starts of the others.
+Lenses FindLenses(const StartTask& task, const SeenBodies& seen, RunContext& context) {
+  const StartInput& input = task.input;
+  const BodySearch search = SearchOf(task, seen);
+  Lenses lenses = input.known_intrinsics;
+  context.threads.ParallelFor(lenses.size(), [&](size_t c) {
+    if (lenses[c] || seen.by_camera[c].empty()) return;
+    lenses[c] = StartLens(search, seen.by_camera[c], input.cameras[c]);
+  });
+  const bool some_known = std::any_of(input.known_intrinsics.begin(), input.known_intrinsics.end(),
+                                      [](const auto& known) { return known.has_value(); });
+  if (!some_known) BorrowFocals(seen.by_camera, lenses);
+  return lenses;
 }
 
-std::vector<Sighting> MakeSightings(const RigProblem& problem, const std::vector<Body>& bodies,
-                                    const std::vector<std::vector<BodyViews>>& seen,
-                                    const std::vector<std::optional<CameraIntrinsics>>& lenses,
-                                    const CalibrationStartOptions& options, RunContext& context) {
-  std::vector<std::vector<Sighting>> by_camera(seen.size());
-  context.threads.ParallelFor(seen.size(), [&](size_t c) {
+std::vector<Sighting> MakeSightings(const StartTask& task, const SeenBodies& seen,
+                                    const Lenses& lenses, RunContext& context) {
+  const BodySearch search = SearchOf(task, seen);
+  std::vector<std::vector<Sighting>> by_camera(lenses.size());
+  context.threads.ParallelFor(lenses.size(), [&](size_t c) {
     if (!lenses[c]) return;
-    for (const BodyViews& picture : seen[c]) {
+    for (const BodyViews& picture : seen.by_camera[c]) {
       Sighting sighting{c, picture.views[0]->shot, picture.body, {}, 0};
-      sighting.poses = PoseHypotheses(problem, bodies[picture.body], picture.views, *lenses[c],
-                                      options.min_corners);
+      sighting.poses = PoseHypotheses(search, picture, *lenses[c]);
       // An error of nothing would make the other poses' weight nothing.
       for (PoseHypothesis& pose : sighting.poses) pose.error_px = std::max(pose.error_px, 1e-3);
       sighting.weight = WeightOf(picture.views, *lenses[c]);
@@ -174,21 +155,128 @@ std::vector<Sighting> MakeSightings(const RigProblem& problem, const std::vector
   return sightings;
 }
 
-/// The group with the most sightings by weight.
-size_t MainGroup(const std::vector<Sighting>& sightings, const PoseGroups& cameras) {
-  std::map<size_t, double> weights;
-  for (const Sighting& s : sightings) weights[cameras.group(s.camera)] += s.weight;
-  return std::max_element(weights.begin(), weights.end(),
-                          [](const auto& a, const auto& b) { return a.second < b.second; })
-      ->first;
+/// Cameras and bodies, each kind in groups whose members' relative poses are known.
+struct TiedGroups {
+  PoseGroups cameras;
+  PoseGroups bodies;
+  PoseAgreement agreement;
+};
+
+/// Sightings as ties between groups of one kind (cameras, or else bodies): two that share a shot
+/// and a group of the other kind say how their groups lie to each other.
+class Ties {
+ public:
+  Ties(const TiedGroups& groups, bool of_cameras) : groups_(groups), of_cameras_(of_cameras) {}
+
+  size_t Group(const Sighting& s) const {
+    return of_cameras_ ? groups_.cameras.group(s.camera) : groups_.bodies.group(s.body);
+  }
+  std::pair<size_t, size_t> Shared(const Sighting& s) const {
+    return {s.shot, of_cameras_ ? groups_.bodies.group(s.body) : groups_.cameras.group(s.camera)};
+  }
+
+  void AddVotes(const Sighting& a, const Sighting& b, std::vector<PoseVote>& votes) const {
+    for (const PoseHypothesis& of_a : a.poses) {
+      for (const PoseHypothesis& of_b : b.poses) {
+        const double doubt =
+            std::pow(a.poses[0].error_px / of_a.error_px * b.poses[0].error_px / of_b.error_px, 2);
+        votes.push_back(
+            {FromOther(a, of_a) * FromOther(b, of_b).Inverse(),
+             doubt * std::min(a.weight, b.weight),
+             0.5 * (of_a.cam_from_body.translation.norm() + of_b.cam_from_body.translation.norm()),
+             SourceOf(a)});
+      }
+    }
+  }
+
+ private:
+  /// Pose of the other kind's group in this kind's.
+  Rigid3 FromOther(const Sighting& s, const PoseHypothesis& hypothesis) const {
+    const Rigid3 cameras_from_bodies = groups_.cameras.group_from(s.camera) *
+                                       hypothesis.cam_from_body *
+                                       groups_.bodies.group_from(s.body).Inverse();
+    return of_cameras_ ? cameras_from_bodies : cameras_from_bodies.Inverse();
+  }
+  size_t SourceOf(const Sighting& s) const {
+    return of_cameras_ ? s.shot : s.shot * groups_.cameras.size() + s.camera;
+  }
+
+  const TiedGroups& groups_;
+  bool of_cameras_;
+};
+
+/// Links between groups of cameras (`of_cameras`) or of bodies.
+std::vector<GroupLink> FindLinks(const std::vector<Sighting>& sightings, const TiedGroups& groups,
+                                 bool of_cameras) {
+  const Ties ties(groups, of_cameras);
+  std::map<std::pair<size_t, size_t>, std::vector<const Sighting*>> shared;
+  for (const Sighting& s : sightings) shared[ties.Shared(s)].push_back(&s);
+  std::map<std::pair<size_t, size_t>, std::vector<PoseVote>> votes;
+  for (const auto& [key, together] : shared) {
+    for (const Sighting* a : together) {
+      for (const Sighting* b : together) {
+        if (ties.Group(*a) >= ties.Group(*b)) continue;
+        ties.AddVotes(*a, *b, votes[{ties.Group(*a), ties.Group(*b)}]);
+      }
+    }
+  }
+  std::vector<GroupLink> links;
+  for (const auto& [ends, of_ends] : votes) {
+    links.push_back({ends.first, ends.second, FindConsensus(of_ends, groups.agreement)});
+  }
+  return links;
 }
 
-/// Poses of cameras, faces and shots in the frame of the main group of cameras.
-void PoseAll(const RigProblem& problem, const std::vector<Body>& bodies,
-             const std::vector<Sighting>& sightings, const PoseGroups& cameras,
-             const PoseGroups& body_groups, const PoseAgreement& agreement,
-             CalibrationStart& start) {
-  const size_t main = MainGroup(sightings, cameras);
+/// Joins cameras and bodies in turn until nothing is left to be joined.
+TiedGroups TieTogether(const StartTask& task, const SeenBodies& seen,
+                       const std::vector<Sighting>& sightings) {
+  TiedGroups groups = {PoseGroups(seen.by_camera.size()),
+                       PoseGroups(seen.bodies.size()),
+                       {task.options.agree_rad, task.options.agree_share}};
+  bool joined = true;
+  while (joined) {
+    joined = JoinGroups(FindLinks(sightings, groups, true), groups.cameras);
+    joined = JoinGroups(FindLinks(sightings, groups, false), groups.bodies) || joined;
+  }
+  return groups;
+}
+
+/// The groups that a start consists of; the cameras' is the rig.
+struct MainGroups {
+  size_t cameras = 0, bodies = 0;
+  Rigid3 board_from_bodies;
+
+  bool Has(const TiedGroups& groups, const Sighting& s) const {
+    return groups.cameras.group(s.camera) == cameras && groups.bodies.group(s.body) == bodies;
+  }
+};
+
+/// The cameras with the most sightings by weight, and the bodies that the first of them saw. The
+/// board's frame is where the drawing puts the first face of the first of those bodies.
+MainGroups ChooseMain(const RigProblem& problem, const std::vector<Body>& bodies,
+                      const std::vector<Sighting>& sightings, const TiedGroups& groups) {
+  std::map<size_t, double> weights;
+  for (const Sighting& s : sightings) weights[groups.cameras.group(s.camera)] += s.weight;
+  MainGroups main;
+  main.cameras = std::max_element(weights.begin(), weights.end(), [](const auto& a, const auto& b) {
+                   return a.second < b.second;
+                 })->first;
+  size_t anchor = std::find_if(sightings.begin(), sightings.end(), [&](const Sighting& s) {
+                    return groups.cameras.group(s.camera) == main.cameras;
+                  })->body;
+  main.bodies = groups.bodies.group(anchor);
+  for (const Sighting& s : sightings) {
+    if (groups.bodies.group(s.body) == main.bodies) anchor = std::min(anchor, s.body);
+  }
+  const Body& first = bodies[anchor];
+  main.board_from_bodies = problem.priors[first.faces[0]].face.board_from_face *
+                           first.body_from_face[0].Inverse() *
+                           groups.bodies.group_from(anchor).Inverse();
+  return main;
+}
+
+void PoseCameras(const std::vector<Sighting>& sightings, const PoseGroups& cameras, size_t main,
+                 CalibrationStart& start) {
   std::vector<bool> seen(cameras.size(), false);
   for (const Sighting& s : sightings) seen[s.camera] = true;
   for (size_t c = 0; c < cameras.size(); ++c) {
@@ -199,43 +287,37 @@ void PoseAll(const RigProblem& problem, const std::vector<Body>& bodies,
           "no shot shows the board to this camera and to another one that is tied to the rest";
     }
   }
-  size_t anchor = 0;  // body whose first face is where the drawing puts it
-  for (const Sighting& s : sightings) {
-    if (cameras.group(s.camera) == main) {
-      anchor = s.body;
-      break;
-    }
-  }
-  for (const Sighting& s : sightings) {
-    if (body_groups.group(s.body) == body_groups.group(anchor)) anchor = std::min(anchor, s.body);
-  }
-  const Rigid3 board_from_group = problem.priors[bodies[anchor].faces[0]].face.board_from_face *
-                                  bodies[anchor].body_from_face[0].Inverse() *
-                                  body_groups.group_from(anchor).Inverse();
+}
+
+void PoseFaces(const std::vector<Body>& bodies, const PoseGroups& groups, const MainGroups& main,
+               std::vector<CalibratedFace>& faces) {
   for (size_t b = 0; b < bodies.size(); ++b) {
-    if (body_groups.group(b) != body_groups.group(anchor)) continue;
+    if (groups.group(b) != main.bodies) continue;
     for (size_t i = 0; i < bodies[b].faces.size(); ++i) {
-      start.model.faces[bodies[b].faces[i]].board_from_face =
-          board_from_group * body_groups.group_from(b) * bodies[b].body_from_face[i];
+      faces[bodies[b].faces[i]].board_from_face =
+          main.board_from_bodies * groups.group_from(b) * bodies[b].body_from_face[i];
     }
   }
+}
+
+void PoseShots(const std::vector<Sighting>& sightings, const TiedGroups& groups,
+               const MainGroups& main, CalibrationStart& start) {
   std::vector<std::vector<PoseVote>> votes(start.model.rig_from_board.size());
   for (const Sighting& s : sightings) {
-    if (cameras.group(s.camera) != main || body_groups.group(s.body) != body_groups.group(anchor)) {
-      continue;
-    }
+    if (!main.Has(groups, s)) continue;
     for (const PoseHypothesis& pose : s.poses) {
-      votes[s.shot].push_back({cameras.group_from(s.camera) * pose.cam_from_body *
-                                   (board_from_group * body_groups.group_from(s.body)).Inverse(),
-                               s.weight * std::pow(s.poses[0].error_px / pose.error_px, 2),
-                               pose.cam_from_body.translation.norm(), s.camera});
+      votes[s.shot].push_back(
+          {groups.cameras.group_from(s.camera) * pose.cam_from_body *
+               (main.board_from_bodies * groups.bodies.group_from(s.body)).Inverse(),
+           s.weight * std::pow(s.poses[0].error_px / pose.error_px, 2),
+           pose.cam_from_body.translation.norm(), s.camera});
     }
   }
   for (size_t s = 0; s < votes.size(); ++s) {
     if (votes[s].empty()) {
       start.shot_problem[s] = "no camera that is tied to the rest saw enough of the board";
     } else {
-      start.model.rig_from_board[s] = FindConsensus(votes[s], agreement).a_from_b;
+      start.model.rig_from_board[s] = FindConsensus(votes[s], groups.agreement).a_from_b;
     }
   }
 }
@@ -250,62 +332,48 @@ double MedianError_px(const RigModel& model, const BoardShape& shape,
   return NoiseScale(model, shape, plain);
 }
 
-/// StartCalibration with the faces as drawn (`together`), or each on its own.
-Result<CalibrationStart> StartWith(
-    const RigProblem& problem, const std::vector<FaceView>& views,
-    const std::vector<SightedCamera>& cameras,
-    const std::vector<std::optional<CameraIntrinsics>>& known_intrinsics,
-    const CalibrationStartOptions& options, bool together, RunContext& context) {
-  const std::vector<Body> bodies = MakeBodies(problem, together);
-  const auto seen = GroupViews(views, bodies, cameras.size());
+/// A start that has lenses and the drawing's faces, and no poses yet.
+CalibrationStart UnposedStart(const StartTask& task, const Lenses& lenses) {
   size_t shots = 0;
-  for (const FaceView& view : views) shots = std::max(shots, view.shot + 1);
-
-  std::vector<std::optional<CameraIntrinsics>> lenses = known_intrinsics;
-  context.threads.ParallelFor(cameras.size(), [&](size_t c) {
-    if (lenses[c] || seen[c].empty()) return;
-    lenses[c] =
-        StartLens(problem, bodies, seen[c], cameras[c].width_px, cameras[c].height_px, options);
-  });
-  if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped", "calibration"};
-  if (std::none_of(known_intrinsics.begin(), known_intrinsics.end(),
-                   [](const auto& known) { return known.has_value(); })) {
-    BorrowFocals(seen, lenses);
-  }
-
+  for (const FaceView& view : task.input.views) shots = std::max(shots, view.shot + 1);
   CalibrationStart start;
-  start.camera_problem.resize(cameras.size());
+  start.camera_problem.resize(lenses.size());
   start.shot_problem.resize(shots);
-  start.model.cam_from_rig.resize(cameras.size());
+  start.model.cam_from_rig.resize(lenses.size());
   start.model.rig_from_board.resize(shots);
-  for (const FacePrior& prior : problem.priors) start.model.faces.push_back(prior.face);
-  for (size_t c = 0; c < cameras.size(); ++c) {
+  for (const FacePrior& prior : task.problem.priors) start.model.faces.push_back(prior.face);
+  for (size_t c = 0; c < lenses.size(); ++c) {
     if (!lenses[c]) {
-      start.camera_problem[c] = "no picture shows " + std::to_string(options.min_corners) +
+      start.camera_problem[c] = "no picture shows " + std::to_string(task.options.min_corners) +
                                 " corners of one face of the board";
     }
+    const SightedCamera& camera = task.input.cameras[c];
     start.model.intrinsics.push_back(lenses[c].value_or(
-        DefaultIntrinsics(std::max(1, cameras[c].width_px), std::max(1, cameras[c].height_px), 1)));
+        DefaultIntrinsics(std::max(1, camera.width_px), std::max(1, camera.height_px), 1)));
   }
-  const std::vector<Sighting> sightings =
-      MakeSightings(problem, bodies, seen, lenses, options, context);
+  return start;
+}
+
+/// StartCalibration with the faces as drawn (`together`), or each on its own.
+Result<CalibrationStart> StartWith(const StartTask& task, bool together, RunContext& context) {
+  SeenBodies seen;
+  seen.bodies = MakeBodies(task.problem, together);
+  seen.by_camera = GroupViews(task.input.views, seen.bodies, task.input.cameras.size());
+  const Lenses lenses = FindLenses(task, seen, context);
+  if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped", "calibration"};
+  CalibrationStart start = UnposedStart(task, lenses);
+  const std::vector<Sighting> sightings = MakeSightings(task, seen, lenses, context);
   if (sightings.empty()) {
     return Error{ErrorCode::kFailed,
                  "no camera saw enough of the board in any shot: expected at least " +
-                     std::to_string(options.min_corners) + " corners of one face",
+                     std::to_string(task.options.min_corners) + " corners of one face",
                  ""};
   }
-  const PoseAgreement agreement = {options.agree_rad, options.agree_share};
-  PoseGroups camera_groups(cameras.size()), body_groups(bodies.size());
-  bool joined = true;
-  while (joined) {
-    joined = JoinGroups(FindLinks(sightings, camera_groups, body_groups, true, agreement),
-                        camera_groups);
-    joined = JoinGroups(FindLinks(sightings, camera_groups, body_groups, false, agreement),
-                        body_groups) ||
-             joined;
-  }
-  PoseAll(problem, bodies, sightings, camera_groups, body_groups, agreement, start);
+  const TiedGroups groups = TieTogether(task, seen, sightings);
+  const MainGroups main = ChooseMain(task.problem, seen.bodies, sightings, groups);
+  PoseCameras(sightings, groups.cameras, main.cameras, start);
+  PoseFaces(seen.bodies, groups.bodies, main, start.model.faces);
+  PoseShots(sightings, groups, main, start);
   return start;
 }
 
@@ -325,25 +393,23 @@ double NoiseScale(const RigModel& model, const BoardShape& shape,
   return Median(std::move(errors)) / kRayleighMedian;
 }
 
-Result<CalibrationStart> StartCalibration(
-    const RigProblem& problem, const std::vector<FaceView>& views,
-    const std::vector<SightedCamera>& cameras,
-    const std::vector<std::optional<CameraIntrinsics>>& known_intrinsics,
-    const CalibrationStartOptions& options, RunContext& context) {
+Result<CalibrationStart> StartCalibration(const RigProblem& problem, const StartInput& input,
+                                          const CalibrationStartOptions& options,
+                                          RunContext& context) {
+  const StartTask task = {problem, input, options};
   const bool as_drawn = DrawingIsAStart(problem, options);
-  ROTUNDA_ASSIGN_OR_RETURN(
-      CalibrationStart start,
-      StartWith(problem, views, cameras, known_intrinsics, options, as_drawn, context));
+  ROTUNDA_ASSIGN_OR_RETURN(CalibrationStart start, StartWith(task, as_drawn, context));
   if (!as_drawn || problem.board.faces.size() == 1) return start;
-  const double as_drawn_px = MedianError_px(start.model, problem.shape, views);
-  const int side_px = std::max_element(cameras.begin(), cameras.end(), [](auto& a, auto& b) {
-                        return a.width_px + a.height_px < b.width_px + b.height_px;
-                      })->width_px;
+  const double as_drawn_px = MedianError_px(start.model, problem.shape, input.views);
+  const int side_px =
+      std::max_element(input.cameras.begin(), input.cameras.end(), [](auto& a, auto& b) {
+        return a.width_px + a.height_px < b.width_px + b.height_px;
+      })->width_px;
   if (as_drawn_px < options.max_start_error * side_px) return start;
-  Result<CalibrationStart> apart =
-      StartWith(problem, views, cameras, known_intrinsics, options, false, context);
+  Result<CalibrationStart> apart = StartWith(task, false, context);
   constexpr double kMuchBetter = 0.3;
-  if (!apart || MedianError_px(apart->model, problem.shape, views) > kMuchBetter * as_drawn_px) {
+  if (!apart ||
+      MedianError_px(apart->model, problem.shape, input.views) > kMuchBetter * as_drawn_px) {
     return start;
   }
   apart->drawing_refused = true;

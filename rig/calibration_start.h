@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,17 +35,22 @@ struct CalibrationStart {
   bool drawing_refused = false;
 };
 
+/// What the pictures show of the board, and what is known of the cameras that took them.
+struct StartInput {
+  const std::vector<FaceView>& views;
+  const std::vector<SightedCamera>& cameras;  // for their pictures' sizes
+  /// By camera; nullopt: to be found.
+  const std::vector<std::optional<CameraIntrinsics>>& known_intrinsics;
+};
+
 /// Intrinsics of each camera from all faces it saw (a search over the focal length, then the lens
-/// and all poses together), unless `known_intrinsics` has them (by camera; nullopt: to be found);
-/// then poses of cameras, shots and, where the drawing does not say, faces by maximum spanning
-/// trees over shared sightings, weighted by corners and area. Each link is what most sightings
-/// agree on, so that a wrong one, or the other of a plane's two poses, spoils nothing. `cameras`
-/// gives the pictures' sizes. kFailed when no camera can be posed.
-Result<CalibrationStart> StartCalibration(
-    const RigProblem& problem, const std::vector<FaceView>& views,
-    const std::vector<SightedCamera>& cameras,
-    const std::vector<std::optional<CameraIntrinsics>>& known_intrinsics,
-    const CalibrationStartOptions& options, RunContext& context);
+/// and all poses together), unless they are known; then poses of cameras, shots and, where the
+/// drawing does not say, faces by maximum spanning trees over shared sightings, weighted by corners
+/// and area. Each link is what most sightings agree on, so that a wrong one, or the other of a
+/// plane's two poses, spoils nothing. kFailed when no camera can be posed.
+Result<CalibrationStart> StartCalibration(const RigProblem& problem, const StartInput& input,
+                                          const CalibrationStartOptions& options,
+                                          RunContext& context);
 
 /// Standard deviation of the corners' errors in units of their sigma_px, from the median, which
 /// wrong corners do not move.

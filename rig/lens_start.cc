@@ -8,6 +8,8 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
 
+#include "rig/calibration_start.h"
+
 namespace rotunda::rig {
 namespace {
 
@@ -25,15 +27,22 @@ constexpr double kCapShare = 0.02;  // largest error that counts, as a share of 
 constexpr double kNearlyAsGood = 3.0;
 constexpr double kErrorFloor_px = 0.5;  // below this, errors are noise and differences mean nothing
 
-void AppendPoints(const RigProblem& problem, const FaceView& view, const Rigid3& body_from_face,
-                  const CameraIntrinsics& intrinsics, size_t most, BodyPoints& points) {
-  const size_t step = std::max<size_t>(1, view.corners.size() / most);
+/// Where points come from: the board, a lens, and how many corners of a face are looked at.
+struct PointSource {
+  const RigProblem& problem;
+  const CameraIntrinsics& intrinsics;
+  size_t most_corners = SIZE_MAX;
+};
+
+void AppendPoints(const PointSource& source, const FaceView& view, const Rigid3& body_from_face,
+                  BodyPoints& points) {
+  const std::vector<CornerShape>& face = source.problem.shape[view.face];
+  const size_t step = std::max<size_t>(1, view.corners.size() / source.most_corners);
   for (size_t i = 0; i < view.corners.size(); i += step) {
     const SeenCorner& seen = view.corners[i];
-    const auto ray = intrinsics.NormalizedFromPixel(seen.pixel);
+    const auto ray = source.intrinsics.NormalizedFromPixel(seen.pixel);
     if (!ray) continue;
-    points.in_body.push_back(body_from_face *
-                             problem.shape[view.face][static_cast<size_t>(seen.corner)].in_face);
+    points.in_body.push_back(body_from_face * face[static_cast<size_t>(seen.corner)].in_face);
     points.normalized.push_back(*ray);
   }
 }
@@ -104,37 +113,43 @@ Rigid3 RefinedPose(const BodyPoints& points, Rigid3 pose, double scale_px) {
   return pose;
 }
 
-BodyPoints PointsOf(const RigProblem& problem, const Body& body,
-                    const std::vector<const FaceView*>& views, const CameraIntrinsics& intrinsics,
-                    size_t most) {
+const Rigid3& BodyFromFace(const Body& body, size_t face) {
+  const auto place = std::find(body.faces.begin(), body.faces.end(), face) - body.faces.begin();
+  return body.body_from_face[static_cast<size_t>(place)];
+}
+
+BodyPoints PointsOf(const PointSource& source, const Body& body,
+                    const std::vector<const FaceView*>& views) {
   BodyPoints points;
-  points.focal_px = intrinsics.MeanFocal_px();
+  points.focal_px = source.intrinsics.MeanFocal_px();
   for (const FaceView* view : views) {
-    const auto place = static_cast<size_t>(
-        std::find(body.faces.begin(), body.faces.end(), view->face) - body.faces.begin());
-    AppendPoints(problem, *view, body.body_from_face[place], intrinsics, most, points);
+    AppendPoints(source, *view, BodyFromFace(body, view->face), points);
   }
   return points;
 }
 
-/// Hypotheses of the single faces, judged by all corners of the body; best first.
-std::vector<PoseHypothesis> FaceHypotheses(const RigProblem& problem, const Body& body,
-                                           const std::vector<const FaceView*>& views,
-                                           const CameraIntrinsics& intrinsics, int min_corners,
-                                           size_t most) {
-  const double cap_px = kCapShare * std::max(intrinsics.width_px, intrinsics.height_px);
-  const BodyPoints all = PointsOf(problem, body, views, intrinsics, most);
+double Cap_px(const CameraIntrinsics& intrinsics) {
+  return kCapShare * std::max(intrinsics.width_px, intrinsics.height_px);
+}
+
+/// Hypotheses of the single faces, judged by all corners of the body; best first. Of each face so
+/// many corners are looked at.
+std::vector<PoseHypothesis> FaceHypotheses(const BodySearch& search, const BodyViews& picture,
+                                           const CameraIntrinsics& intrinsics,
+                                           size_t most_corners) {
+  const PointSource source = {search.problem, intrinsics, most_corners};
+  const Body& body = search.bodies[picture.body];
+  const BodyPoints all = PointsOf(source, body, picture.views);
   std::vector<PoseHypothesis> hypotheses;
-  for (const FaceView* view : views) {
-    if (view->corners.size() < static_cast<size_t>(min_corners)) continue;
-    const auto place = static_cast<size_t>(
-        std::find(body.faces.begin(), body.faces.end(), view->face) - body.faces.begin());
+  for (const FaceView* view : picture.views) {
+    if (view->corners.size() < static_cast<size_t>(search.min_corners)) continue;
     BodyPoints plane;
-    AppendPoints(problem, *view, Rigid3{}, intrinsics, most, plane);
+    AppendPoints(source, *view, Rigid3{}, plane);
     if (plane.in_body.size() < 4) continue;
+    const Rigid3 face_from_body = BodyFromFace(body, view->face).Inverse();
     for (const Rigid3& cam_from_face : PlanarPoses(plane)) {
-      const Rigid3 cam_from_body = cam_from_face * body.body_from_face[place].Inverse();
-      hypotheses.push_back({cam_from_body, CappedError_px(all, cam_from_body, cap_px)});
+      const Rigid3 cam_from_body = cam_from_face * face_from_body;
+      hypotheses.push_back({cam_from_body, CappedError_px(all, cam_from_body, Cap_px(intrinsics))});
     }
   }
   std::stable_sort(hypotheses.begin(), hypotheses.end(),
@@ -149,26 +164,24 @@ bool SamePose(const Rigid3& a, const Rigid3& b) {
          (a.translation - b.translation).norm() < kSamePosition * a.translation.norm();
 }
 
-CameraIntrinsics LensOf(double focal_px, int width_px, int height_px) {
+CameraIntrinsics LensOf(double focal_px, const SightedCamera& camera) {
   return {CameraModel::kOpencv,
-          width_px,
-          height_px,
-          {focal_px, focal_px, 0.5 * width_px, 0.5 * height_px, 0, 0, 0, 0}};
+          camera.width_px,
+          camera.height_px,
+          {focal_px, focal_px, 0.5 * camera.width_px, 0.5 * camera.height_px, 0, 0, 0, 0}};
 }
 
 /// The focal length, of a geometric series, with which the pictures' poses leave the least error.
-double SearchFocal_px(const RigProblem& problem, const std::vector<Body>& bodies,
-                      const std::vector<BodyViews>& seen, int width_px, int height_px,
-                      const CalibrationStartOptions& options) {
+double SearchFocal_px(const BodySearch& search, const std::vector<BodyViews>& seen,
+                      const SightedCamera& camera) {
   constexpr double kShortest = 0.45, kLongest = 6.0, kRatio = 1.12;  // of the larger side
-  const double side = std::max(width_px, height_px);
+  const double side = std::max(camera.width_px, camera.height_px);
   double best_px = side, least = std::numeric_limits<double>::infinity();
   for (double share = kShortest; share < kLongest; share *= kRatio) {
-    const CameraIntrinsics lens = LensOf(share * side, width_px, height_px);
+    const CameraIntrinsics lens = LensOf(share * side, camera);
     double sum = 0;
     for (size_t i = 0; i < std::min(seen.size(), kMostSearchPictures); ++i) {
-      const auto hypotheses = FaceHypotheses(problem, bodies[seen[i].body], seen[i].views, lens,
-                                             options.min_corners, kMostSearchCorners);
+      const auto hypotheses = FaceHypotheses(search, seen[i], lens, kMostSearchCorners);
       sum += hypotheses.empty() ? 0 : std::pow(hypotheses.front().error_px, 2);
     }
     if (sum < least) {
@@ -186,21 +199,19 @@ struct LensProblem {
   RigModel model;
 };
 
-LensProblem MakeLensProblem(const RigProblem& problem, const std::vector<Body>& bodies,
-                            const std::vector<BodyViews>& seen, const CameraIntrinsics& lens,
-                            const CalibrationStartOptions& options) {
+LensProblem MakeLensProblem(const BodySearch& search, const std::vector<BodyViews>& seen,
+                            const CameraIntrinsics& lens) {
   LensProblem one;
   one.model.intrinsics = {lens};
   one.model.cam_from_rig = {Rigid3{}};
-  one.model.faces = DrawnFaces(problem.board);
-  for (const Body& body : bodies) {
+  one.model.faces = DrawnFaces(search.problem.board);
+  for (const Body& body : search.bodies) {
     for (size_t i = 0; i < body.faces.size(); ++i) {
       one.model.faces[body.faces[i]].board_from_face = body.body_from_face[i];
     }
   }
   for (const BodyViews& picture : seen) {
-    const auto poses =
-        PoseHypotheses(problem, bodies[picture.body], picture.views, lens, options.min_corners);
+    const auto poses = PoseHypotheses(search, picture, lens);
     if (poses.empty()) continue;
     for (const FaceView* view : picture.views) {
       one.views.push_back(*view);
@@ -212,18 +223,29 @@ LensProblem MakeLensProblem(const RigProblem& problem, const std::vector<Body>& 
   return one;
 }
 
+/// The pictures with the most corners first.
+std::vector<BodyViews> LargestFirst(const std::vector<BodyViews>& seen) {
+  std::vector<BodyViews> ordered = seen;
+  const auto corners = [](const BodyViews& picture) {
+    size_t count = 0;
+    for (const FaceView* view : picture.views) count += view->corners.size();
+    return count;
+  };
+  std::stable_sort(ordered.begin(), ordered.end(),
+                   [&](const BodyViews& a, const BodyViews& b) { return corners(a) > corners(b); });
+  return ordered;
+}
+
 }  // namespace
 
-std::vector<PoseHypothesis> PoseHypotheses(const RigProblem& problem, const Body& body,
-                                           const std::vector<const FaceView*>& views,
-                                           const CameraIntrinsics& intrinsics, int min_corners) {
-  const double cap_px = kCapShare * std::max(intrinsics.width_px, intrinsics.height_px);
-  const BodyPoints all = PointsOf(problem, body, views, intrinsics, SIZE_MAX);
+std::vector<PoseHypothesis> PoseHypotheses(const BodySearch& search, const BodyViews& picture,
+                                           const CameraIntrinsics& intrinsics) {
+  const BodyPoints all =
+      PointsOf({search.problem, intrinsics}, search.bodies[picture.body], picture.views);
   std::vector<PoseHypothesis> distinct;
-  for (PoseHypothesis& raw :
-       FaceHypotheses(problem, body, views, intrinsics, min_corners, SIZE_MAX)) {
+  for (PoseHypothesis& raw : FaceHypotheses(search, picture, intrinsics, SIZE_MAX)) {
     raw.cam_from_body = RefinedPose(all, raw.cam_from_body, std::max(raw.error_px, 1.0));
-    raw.error_px = CappedError_px(all, raw.cam_from_body, cap_px);
+    raw.error_px = CappedError_px(all, raw.cam_from_body, Cap_px(intrinsics));
     const bool known =
         std::any_of(distinct.begin(), distinct.end(), [&](const PoseHypothesis& other) {
           return SamePose(other.cam_from_body, raw.cam_from_body);
@@ -238,22 +260,13 @@ std::vector<PoseHypothesis> PoseHypotheses(const RigProblem& problem, const Body
   return distinct;
 }
 
-std::optional<CameraIntrinsics> StartLens(const RigProblem& problem,
-                                          const std::vector<Body>& bodies,
-                                          const std::vector<BodyViews>& seen, int width_px,
-                                          int height_px, const CalibrationStartOptions& options) {
-  // The pictures with the most corners first: the search looks at a few.
-  std::vector<BodyViews> ordered = seen;
-  const auto corners = [](const BodyViews& picture) {
-    size_t count = 0;
-    for (const FaceView* view : picture.views) count += view->corners.size();
-    return count;
-  };
-  std::stable_sort(ordered.begin(), ordered.end(),
-                   [&](const BodyViews& a, const BodyViews& b) { return corners(a) > corners(b); });
-  const double focal_px = SearchFocal_px(problem, bodies, ordered, width_px, height_px, options);
-  const CameraIntrinsics searched = LensOf(focal_px, width_px, height_px);
-  LensProblem one = MakeLensProblem(problem, bodies, ordered, searched, options);
+std::optional<CameraIntrinsics> StartLens(const BodySearch& search,
+                                          const std::vector<BodyViews>& seen,
+                                          const SightedCamera& camera) {
+  const std::vector<BodyViews> ordered = LargestFirst(seen);  // the search looks at a few
+  const double focal_px = SearchFocal_px(search, ordered, camera);
+  const CameraIntrinsics searched = LensOf(focal_px, camera);
+  LensProblem one = MakeLensProblem(search, ordered, searched);
   if (one.model.rig_from_board.empty()) return std::nullopt;
   ThreadPool alone(1);
   RunContext context{alone};
@@ -263,8 +276,8 @@ std::optional<CameraIntrinsics> StartLens(const RigProblem& problem,
   solve.max_iterations = 20;
   for (const bool focal_only : {true, false}) {
     solve.free.focal_only = focal_only;
-    solve.loss_scale = 3 * NoiseScale(one.model, problem.shape, one.views);
-    if (!SolveRig(problem, one.views, solve, one.model, context)) return searched;
+    solve.loss_scale = 3 * NoiseScale(one.model, search.problem.shape, one.views);
+    if (!SolveRig(search.problem, one.views, solve, one.model, context)) return searched;
   }
   const double ratio = one.model.intrinsics[0].MeanFocal_px() / focal_px;
   const bool plausible = ratio > 0.5 && ratio < 2.0;

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <set>
+#include <utility>
 
 #include "rig/calibration_comparison.h"
 
@@ -79,6 +79,20 @@ std::vector<Eigen::MatrixXd> HeldIntrinsics(const BoardSightings& sightings,
   return held;
 }
 
+/// What the start found; faces that do not stand as drawn are no longer held to the drawing.
+void TakeStart(CalibrationStart start, size_t shots, RigCalibration& result) {
+  result.model = std::move(start.model);
+  result.model.rig_from_board.resize(shots);
+  result.camera_problem = std::move(start.camera_problem);
+  result.shot_problem = std::move(start.shot_problem);
+  result.shot_problem.resize(shots, "no camera saw the board");
+  result.drawing_refused = start.drawing_refused;
+  if (!start.drawing_refused) return;
+  for (FacePrior& prior : result.priors) {
+    prior.position_sigma_m = prior.rotation_sigma_rad = std::numeric_limits<double>::infinity();
+  }
+}
+
 /// Parameters of the larger model, those it adds being 0.
 void ExtendModel(LensModel model, RigModel& rig) {
   if (model == LensModel::kOpencv) return;
@@ -90,27 +104,27 @@ void ExtendModel(LensModel model, RigModel& rig) {
 }
 
 /// Robust rounds from the start: poses first, then everything, the loss following the noise down.
-Status AdjustRobustly(const RigProblem& problem, const std::vector<FaceView>& views,
-                      const FreeUnknowns& free, LensModel lens, RigModel& model,
+Status AdjustRobustly(const RigProblem& problem, LensModel lens, RigCalibration& result,
                       RunContext& context) {
   constexpr int kMostRounds = 10;
   constexpr double kSettled = 0.02;  // change of the noise from round to round
   RigSolveOptions options;
   options.function_tolerance = 1e-4;
   options.max_iterations = 15;
-  options.free = free;
+  options.free = result.free;
   options.free.intrinsics = options.free.faces = false;
-  double noise = NoiseScale(model, problem.shape, views);
+  RigModel& model = result.model;
+  double noise = NoiseScale(model, problem.shape, result.found);
   for (int round = 0; round < kMostRounds; ++round) {
     options.loss_scale = kLossSigmas * noise;
     context.Report("adjustment", static_cast<size_t>(round), kMostRounds + 2);
-    ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, views, options, model, context));
-    const double now = NoiseScale(model, problem.shape, views);
+    ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, result.found, options, model, context));
+    const double now = NoiseScale(model, problem.shape, result.found);
     const bool settled = std::abs(now - noise) < kSettled * noise;
     noise = now;
     if (round == 0) {
       ExtendModel(lens, model);
-      options.free = free;
+      options.free = result.free;
       options.function_tolerance = 1e-5;
     } else if (settled) {
       break;
@@ -124,7 +138,7 @@ double ThresholdSigmas(size_t count, double lost) {
   return std::sqrt(2.0 * std::log(std::max(3.0, static_cast<double>(count) / lost)));
 }
 
-/// Share of a view's corners beyond `limit` sigmas.
+/// How many of a view's corners are beyond `limit` sigmas.
 size_t WrongCorners(const RigModel& model, const BoardShape& shape, const FaceView& view,
                     double limit) {
   const auto residuals = Residuals_px(model, shape, view);
@@ -135,78 +149,97 @@ size_t WrongCorners(const RigModel& model, const BoardShape& shape, const FaceVi
   return wrong;
 }
 
-struct PictureFit {
-  size_t corners = 0;
-  size_t wrong = 0;
+/// The pictures of one shot.
+struct ShotFit {
+  size_t pictures = 0;
+  std::vector<size_t> wrong;  // cameras whose picture does not fit
 };
 
-/// By shot and camera.
-std::map<std::pair<size_t, size_t>, PictureFit> FitOfPictures(const RigModel& model,
-                                                              const BoardShape& shape,
-                                                              const std::vector<FaceView>& views,
-                                                              double limit) {
-  std::map<std::pair<size_t, size_t>, PictureFit> pictures;
-  for (const FaceView& view : views) {
-    if (!model.Has(view)) continue;
-    PictureFit& picture = pictures[{view.shot, view.camera}];
-    picture.corners += view.corners.size();
-    picture.wrong += WrongCorners(model, shape, view, limit);
-  }
-  return pictures;
-}
+/// Judges pictures by how many of their corners are beyond a limit (in sigmas).
+class PictureFits {
+ public:
+  PictureFits(const RigModel& model, const BoardShape& shape, const std::vector<FaceView>& views,
+              double limit)
+      : model_(model), shape_(shape), views_(views), limit_(limit) {}
 
-/// Whether camera `a`'s views of the shot fit the pose of camera `b`.
-bool FitsPoseOf(size_t a, size_t b, size_t shot, const RigModel& model, const BoardShape& shape,
-                const std::vector<FaceView>& views, double limit) {
-  RigModel exchanged = model;
-  exchanged.cam_from_rig[a] = model.cam_from_rig[b];
-  exchanged.intrinsics[a] = model.intrinsics[b];
-  size_t corners = 0, wrong = 0;
-  for (const FaceView& view : views) {
-    if (view.camera != a || view.shot != shot) continue;
-    corners += view.corners.size();
-    wrong += WrongCorners(exchanged, shape, view, limit);
+  /// By shot; a picture is wrong with more than `max_wrong` of its corners beyond the limit.
+  std::map<size_t, ShotFit> ByShot(double max_wrong) const {
+    std::map<std::pair<size_t, size_t>, Corners> pictures;  // by shot and camera
+    for (const FaceView& view : views_) {
+      if (model_.Has(view)) Add(model_, view, pictures[{view.shot, view.camera}]);
+    }
+    std::map<size_t, ShotFit> shots;
+    for (const auto& [place, corners] : pictures) {
+      ShotFit& shot = shots[place.first];
+      ++shot.pictures;
+      if (corners.Share() > max_wrong) shot.wrong.push_back(place.second);
+    }
+    return shots;
   }
-  return corners > 0 && 2 * wrong < corners;
+
+  /// Whether camera `a`'s picture of the shot would fit as one of camera `b`.
+  bool FitsAs(size_t shot, size_t a, size_t b) const {
+    RigModel exchanged = model_;
+    exchanged.cam_from_rig[a] = model_.cam_from_rig[b];
+    exchanged.intrinsics[a] = model_.intrinsics[b];
+    Corners corners;
+    for (const FaceView& view : views_) {
+      if (view.camera == a && view.shot == shot) Add(exchanged, view, corners);
+    }
+    return 2 * corners.wrong < corners.all;
+  }
+
+ private:
+  struct Corners {
+    size_t all = 0, wrong = 0;
+    double Share() const { return static_cast<double>(wrong) / static_cast<double>(all); }
+  };
+  void Add(const RigModel& model, const FaceView& view, Corners& corners) const {
+    corners.all += view.corners.size();
+    corners.wrong += WrongCorners(model, shape_, view, limit_);
+  }
+
+  const RigModel& model_;
+  const BoardShape& shape_;
+  const std::vector<FaceView>& views_;
+  double limit_;
+};
+
+/// Of a picture that does not fit; `wrong`: all cameras whose pictures of the shot do not.
+std::string WhyMisfit(const BoardSightings& sightings, const PictureFits& fits,
+                      const DroppedPicture& picture, const std::vector<size_t>& wrong) {
+  std::string reason =
+      "does not fit the other cameras' pictures of this shot: it was taken at another moment, or "
+      "is not this camera's";
+  for (const size_t other : wrong) {
+    if (other != *picture.camera && fits.FitsAs(picture.shot, *picture.camera, other)) {
+      reason = "is the picture of " + sightings.cameras[other].camera +
+               ": the two cameras are swapped in this shot";
+    }
+  }
+  return reason;
 }
 
 /// Pictures and shots most of whose corners do not fit.
-std::vector<DroppedPicture> FindMisfits(const BoardSightings& sightings, const RigModel& model,
-                                        const BoardShape& shape, const std::vector<FaceView>& views,
+std::vector<DroppedPicture> FindMisfits(const BoardSightings& sightings, const BoardShape& shape,
+                                        const RigCalibration& result,
                                         const RigCalibrationOptions& options) {
-  const double limit =
-      NoiseScale(model, shape, views) * ThresholdSigmas(CornerCount(views), options.lost_corners);
-  const auto pictures = FitOfPictures(model, shape, views, limit);
-  std::map<size_t, std::vector<size_t>> bad;  // cameras by shot
-  std::map<size_t, size_t> of;
-  for (const auto& [place, fit] : pictures) {
-    ++of[place.first];
-    if (static_cast<double>(fit.wrong) >
-        options.max_wrong_corners * static_cast<double>(fit.corners)) {
-      bad[place.first].push_back(place.second);
-    }
-  }
+  const double limit = NoiseScale(result.model, shape, result.found) *
+                       ThresholdSigmas(CornerCount(result.found), options.lost_corners);
+  const PictureFits fits(result.model, shape, result.found, limit);
   std::vector<DroppedPicture> dropped;
-  for (const auto& [shot, cameras] : bad) {
-    const auto share = static_cast<double>(cameras.size()) / static_cast<double>(of[shot]);
-    if (cameras.size() >= 2 && share > options.max_wrong_pictures) {
+  for (const auto& [shot, fit] : fits.ByShot(options.max_wrong_corners)) {
+    const auto share = static_cast<double>(fit.wrong.size()) / static_cast<double>(fit.pictures);
+    if (fit.wrong.size() >= 2 && share > options.max_wrong_pictures) {
       dropped.push_back({shot, std::nullopt,
-                         std::to_string(cameras.size()) + " of " + std::to_string(of[shot]) +
+                         std::to_string(fit.wrong.size()) + " of " + std::to_string(fit.pictures) +
                              " pictures do not fit together: the board moved while the shot was "
                              "taken, or pictures of different moments are mixed; take it again"});
       continue;
     }
-    for (const size_t camera : cameras) {
-      std::string reason =
-          "does not fit the other cameras' pictures of this shot: it was taken at another moment, "
-          "or is not this camera's";
-      for (const size_t other : cameras) {
-        if (other != camera && FitsPoseOf(camera, other, shot, model, shape, views, limit)) {
-          reason = "is the picture of " + sightings.cameras[other].camera +
-                   ": the two cameras are swapped in this shot";
-        }
-      }
-      dropped.push_back({shot, camera, reason});
+    for (const size_t camera : fit.wrong) {
+      DroppedPicture& picture = dropped.emplace_back(DroppedPicture{shot, camera, ""});
+      picture.reason = WhyMisfit(sightings, fits, picture, fit.wrong);
     }
   }
   return dropped;
@@ -379,8 +412,8 @@ Calibration AsCalibration(const RigCalibration& result, const BoardSightings& si
 Result<RigUncertainty> UncertaintyOf(const RigProblem& problem, const BoardSightings& sightings,
                                      const RigCalibration& result, RunContext& context) {
   const std::vector<FaceView> views = WithNoise(result.kept, result.noise);
-  Result<RigUncertainty> uncertainty =
-      BuildUncertainty(problem, views, result.model, result.free, result.held_intrinsics, context);
+  Result<RigUncertainty> uncertainty = BuildUncertainty(
+      problem, views, result.model, {result.free, result.held_intrinsics}, context);
   if (uncertainty || uncertainty.error().code != ErrorCode::kFailed) return uncertainty;
   std::string names;
   for (const size_t c : UndeterminedCameras(problem, views, result.model, result.free, context)) {
@@ -505,23 +538,11 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   context.Report("start", 0, 1);
   ROTUNDA_ASSIGN_OR_RETURN(
       CalibrationStart start,
-      StartCalibration(problem, result.found, sightings.cameras, known, options.start, context));
+      StartCalibration(problem, {result.found, sightings.cameras, known}, options.start, context));
   context.Report("start", 1, 1);
-  result.model = std::move(start.model);
-  result.camera_problem = std::move(start.camera_problem);
-  result.drawing_refused = start.drawing_refused;
-  if (start.drawing_refused) {
-    for (FacePrior& prior : result.priors) {
-      prior.position_sigma_m = prior.rotation_sigma_rad = std::numeric_limits<double>::infinity();
-    }
-  }
-  result.shot_problem = std::move(start.shot_problem);
-  result.shot_problem.resize(sightings.shots.size(), "no camera saw the board");
-  result.model.rig_from_board.resize(sightings.shots.size());
-
-  ROTUNDA_RETURN_IF_ERROR(
-      AdjustRobustly(problem, result.found, result.free, options.model, result.model, context));
-  result.dropped = FindMisfits(sightings, result.model, shape, result.found, options);
+  TakeStart(std::move(start), sightings.shots.size(), result);
+  ROTUNDA_RETURN_IF_ERROR(AdjustRobustly(problem, options.model, result, context));
+  result.dropped = FindMisfits(sightings, shape, result, options);
   for (const DroppedPicture& dropped : result.dropped) {
     if (!dropped.camera) result.shot_problem[dropped.shot] = dropped.reason;
   }

@@ -54,7 +54,7 @@ struct RigCalibration {
   std::vector<std::string> shot_problem;    // by shot; empty when it was used
   std::vector<DroppedPicture> dropped;
   std::vector<FacePrior> priors;
-  std::vector<Eigen::MatrixXd> held_intrinsics;  // as BuildUncertainty takes it
+  std::vector<Eigen::MatrixXd> held_intrinsics;  // as AdjustedUnknowns takes them
   std::string frame;  // what the rig frame hangs on: "the target in placement_00"
   /// Why it does not hang on what was set, and what to do; empty when it does.
   std::string frame_problem;

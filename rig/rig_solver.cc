@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace rotunda::rig {
 namespace {
@@ -118,10 +119,43 @@ ViewFrame FrameOf(const RigProblem& problem, const RigModel& model, const FaceVi
           FaceMiddle(problem.board.faces[view.face])};
 }
 
+/// A corner on the face as it is bowed, and in the frames that derivatives are taken in.
+struct CornerPlace {
+  Eigen::Vector3d in_face, in_rig, in_cam;
+  Eigen::Vector2d bow;  // of its CornerShape
+};
+
+CornerPlace PlaceOf(const CornerShape& corner, const Eigen::Vector2d& bow_m,
+                    const ViewFrame& frame) {
+  CornerPlace at;
+  at.bow = corner.bow;
+  at.in_face = corner.in_face - Eigen::Vector3d(0, 0, corner.bow.dot(bow_m));
+  const Eigen::Vector3d in_board = frame.board_from_face * at.in_face + frame.face_in_board;
+  at.in_rig = frame.rig_from_board * in_board + frame.board_in_rig;
+  at.in_cam = frame.cam_from_rig * at.in_rig + frame.rig_in_cam;
+  return at;
+}
+
+/// Derivatives of a corner's pixel by shot, face and pose of the camera, in this order; `by_cam`
+/// are those by its place in the camera's frame.
+template <typename TwoRows>
+void FillRows(const CornerPlace& at, const ViewFrame& frame,
+              const Eigen::Matrix<double, 2, 3>& by_cam, TwoRows row) {
+  const Eigen::Matrix<double, 2, 3> by_rig = by_cam * frame.cam_from_rig;
+  const Eigen::Matrix<double, 2, 3> by_board = by_rig * frame.rig_from_board;
+  const Eigen::Vector3d arm = frame.board_from_face * (at.in_face - frame.middle);
+  row.template middleCols<3>(0) = -by_rig * CrossMatrix(at.in_rig - frame.board_in_rig);
+  row.template middleCols<3>(3) = by_rig;
+  row.template middleCols<3>(6) = -by_board * CrossMatrix(arm);
+  row.template middleCols<3>(9) = by_board;
+  row.template middleCols<2>(12) = -(by_board * frame.board_from_face.col(2)) * at.bow.transpose();
+  row.template middleCols<3>(14) = -by_cam * CrossMatrix(at.in_cam);
+  row.template middleCols<3>(17) = -by_rig;
+}
+
 ViewNormal NormalOfView(const RigProblem& problem, const RigModel& model, const FaceView& view,
                         double loss_scale) {
   const CameraIntrinsics& intrinsics = model.intrinsics[view.camera];
-  const CalibratedFace& face = model.faces[view.face];
   const ViewFrame frame = FrameOf(problem, model, view);
   const auto params = static_cast<Eigen::Index>(intrinsics.params.size());
   const Eigen::Index size = 2 * kPoseSize + kFaceSize + params;
@@ -132,32 +166,18 @@ ViewNormal NormalOfView(const RigProblem& problem, const RigModel& model, const 
   for (Eigen::Index i = 0; i < count; ++i) {
     const SeenCorner& seen = view.corners[static_cast<size_t>(i)];
     const CornerShape& corner = problem.shape[view.face][static_cast<size_t>(seen.corner)];
-    const Eigen::Vector3d in_face =
-        corner.in_face - Eigen::Vector3d(0, 0, corner.bow.dot(face.bow_m));
-    const Eigen::Vector3d in_board = frame.board_from_face * in_face + frame.face_in_board;
-    const Eigen::Vector3d in_rig = frame.rig_from_board * in_board + frame.board_in_rig;
-    const Eigen::Vector3d in_cam = frame.cam_from_rig * in_rig + frame.rig_in_cam;
+    const CornerPlace at = PlaceOf(corner, model.faces[view.face].bow_m, frame);
     auto row = rows.middleRows<2>(2 * i);
     auto residual = residuals.segment<2>(2 * i);
     row.setZero();
     residual.setZero();
-    if (in_cam.z() < kMinDepth_m) continue;
-    ProjectWithJacobian(intrinsics.model, intrinsics.params.data(), in_cam, true, projection);
+    if (at.in_cam.z() < kMinDepth_m) continue;
+    ProjectWithJacobian(intrinsics.model, intrinsics.params.data(), at.in_cam, true, projection);
     const double inverse_sigma = 1.0 / seen.sigma_px;
     residual = inverse_sigma * (projection.pixel - seen.pixel);
     const double weight = std::sqrt(LossWeight(residual.squaredNorm(), loss_scale)) * inverse_sigma;
     residual *= weight * seen.sigma_px;
-    const Eigen::Matrix<double, 2, 3> by_cam = weight * projection.by_point;
-    const Eigen::Matrix<double, 2, 3> by_rig = by_cam * frame.cam_from_rig;
-    const Eigen::Matrix<double, 2, 3> by_board = by_rig * frame.rig_from_board;
-    const Eigen::Vector3d arm = frame.board_from_face * (in_face - frame.middle);
-    row.middleCols<3>(0) = -by_rig * CrossMatrix(in_rig - frame.board_in_rig);
-    row.middleCols<3>(3) = by_rig;
-    row.middleCols<3>(6) = -by_board * CrossMatrix(arm);
-    row.middleCols<3>(9) = by_board;
-    row.middleCols<2>(12) = -(by_board * frame.board_from_face.col(2)) * corner.bow.transpose();
-    row.middleCols<3>(14) = -by_cam * CrossMatrix(in_cam);
-    row.middleCols<3>(17) = -by_rig;
+    FillRows(at, frame, weight * projection.by_point, row);
     row.rightCols(params) = weight * projection.by_params.leftCols(params);
   }
   ViewNormal normal;
@@ -357,6 +377,26 @@ bool FocalsPositive(const RigModel& model) {
                      [](const CameraIntrinsics& i) { return i.fx_px() > 0 && i.fy_px() > 0; });
 }
 
+/// What is added to the diagonal (times itself): less after a step that lowers the cost, more and
+/// more after others.
+class Damping {
+ public:
+  double value() const { return value_; }
+  bool exhausted() const { return value_ >= kMost; }
+  void Lower() {
+    value_ = std::max(value_ / 10, kLeast);
+    growth_ = 2;
+  }
+  void Raise() {
+    value_ *= growth_;
+    growth_ *= 2;
+  }
+
+ private:
+  static constexpr double kFirst = 1e-5, kLeast = 1e-12, kMost = 1e8;
+  double value_ = kFirst, growth_ = 2;
+};
+
 }  // namespace
 
 bool IsFreeParam(const FreeUnknowns& free, CameraModel model, size_t param) {
@@ -394,42 +434,41 @@ NormalEquations BuildNormal(const RigProblem& problem, const std::vector<FaceVie
 Result<RigSolveReport> SolveRig(const RigProblem& problem, const std::vector<FaceView>& views,
                                 const RigSolveOptions& options, RigModel& model,
                                 RunContext& context) {
-  constexpr double kFirstDamping = 1e-5, kLeastDamping = 1e-12, kMostDamping = 1e8;
   RigSolveReport report;
   double cost = Cost(problem, views, model, options.loss_scale, context);
   report.initial_cost = report.final_cost = cost;
-  double damping = kFirstDamping, growth = 2;
+  Damping damping;
   NormalEquations normal = BuildNormal(problem, views, model, options, context);
-  while (report.iterations < options.max_iterations && damping < kMostDamping) {
+  while (report.iterations < options.max_iterations && !damping.exhausted()) {
     if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped", "calibration"};
     ++report.iterations;
     Step step;
-    if (SolveDamped(normal, damping, step, context)) {
-      const RigModel moved = Moved(problem, model, step);
-      const double moved_cost = FocalsPositive(moved)
-                                    ? Cost(problem, views, moved, options.loss_scale, context)
-                                    : std::numeric_limits<double>::infinity();
-      // Ends also when rounding lets no step lower the cost any more.
-      const double change = (cost - moved_cost) / cost;
-      if (moved_cost < cost) {
-        model = moved;
-        report.final_cost = cost = moved_cost;
-      }
-      if (std::abs(change) < options.function_tolerance) {
-        report.converged = true;
-        return report;
-      }
-      if (change > 0) {
-        damping = std::max(damping / 10, kLeastDamping);
-        growth = 2;
-        normal = BuildNormal(problem, views, model, options, context);
-        continue;
-      }
+    if (!SolveDamped(normal, damping.value(), step, context)) {
+      damping.Raise();
+      continue;
     }
-    damping *= growth;
-    growth *= 2;
+    const RigModel moved = Moved(problem, model, step);
+    const double moved_cost = FocalsPositive(moved)
+                                  ? Cost(problem, views, moved, options.loss_scale, context)
+                                  : std::numeric_limits<double>::infinity();
+    // Ends also when rounding lets no step lower the cost any more.
+    const double change = (cost - moved_cost) / cost;
+    if (moved_cost < cost) {
+      model = moved;
+      report.final_cost = cost = moved_cost;
+    }
+    if (std::abs(change) < options.function_tolerance) {
+      report.converged = true;
+      return report;
+    }
+    if (change > 0) {
+      damping.Lower();
+      normal = BuildNormal(problem, views, model, options, context);
+    } else {
+      damping.Raise();
+    }
   }
-  if (damping >= kMostDamping && report.final_cost == report.initial_cost) {
+  if (damping.exhausted() && report.final_cost == report.initial_cost) {
     return Error{ErrorCode::kFailed, "the equations of the calibration cannot be solved", ""};
   }
   return report;

@@ -246,6 +246,28 @@ Eigen::MatrixXd FacesInFit(const RigProblem& problem, const RigModel& model,
   return to_fit * covariance * to_fit.transpose();
 }
 
+/// `shared` is SolverCovariance's.
+std::vector<std::optional<FaceUncertainty>> SummarizeFaces(const RigProblem& problem,
+                                                           const std::vector<FaceView>& views,
+                                                           const RigModel& model,
+                                                           const Eigen::MatrixXd& shared) {
+  std::vector<bool> seen(model.faces.size(), false);
+  for (const FaceView& view : views) seen[view.face] = seen[view.face] || model.Has(view);
+  const Eigen::Index size = kFaceSize * static_cast<Eigen::Index>(model.faces.size());
+  const Eigen::MatrixXd in_fit =
+      FacesInFit(problem, model, seen, shared.bottomRightCorner(size, size));
+  std::vector<std::optional<FaceUncertainty>> faces(model.faces.size());
+  for (size_t f = 0; f < faces.size(); ++f) {
+    if (!seen[f]) continue;
+    const auto variances =
+        in_fit.diagonal().segment<kFaceSize>(kFaceSize * static_cast<Eigen::Index>(f));
+    faces[f] = FaceUncertainty{DegFromRad(Root(variances.head<3>().sum())),
+                               1e3 * Root(variances.segment<3>(3).sum()),
+                               1e3 * Root(variances.tail<2>().sum())};
+  }
+  return faces;
+}
+
 }  // namespace
 
 std::vector<size_t> UndeterminedCameras(const RigProblem& problem,
@@ -266,20 +288,18 @@ std::vector<size_t> UndeterminedCameras(const RigProblem& problem,
 
 Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
                                         const std::vector<FaceView>& views, const RigModel& model,
-                                        const FreeUnknowns& free,
-                                        const std::vector<Eigen::MatrixXd>& held_intrinsics,
-                                        RunContext& context) {
+                                        const AdjustedUnknowns& unknowns, RunContext& context) {
   RigSolveOptions options;
-  options.free = free;
+  options.free = unknowns.free;
   const NormalEquations normal = BuildNormal(problem, views, model, options, context);
   auto covariance = Invert(normal, context);
   if (!covariance) {
     return Error{ErrorCode::kFailed, "the pictures do not determine all cameras", "uncertainty"};
   }
-  if (!held_intrinsics.empty()) {
+  if (!unknowns.held_intrinsics.empty()) {
     options.free.intrinsics = true;
-    AddHeldIntrinsics(BuildNormal(problem, views, model, options, context), held_intrinsics,
-                      *covariance);
+    AddHeldIntrinsics(BuildNormal(problem, views, model, options, context),
+                      unknowns.held_intrinsics, *covariance);
   }
   RigUncertainty result;
   const auto cameras = CamerasInFit(*covariance, model);
@@ -289,20 +309,7 @@ Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
     result.cameras[c] = Summarize(model.intrinsics[c], *model.cam_from_rig[c],
                                   BoardDistance_m(problem, views, model, c), *cameras[c]);
   });
-  std::vector<bool> seen(model.faces.size(), false);
-  for (const FaceView& view : views) seen[view.face] = seen[view.face] || model.Has(view);
-  const Eigen::Index size = kFaceSize * static_cast<Eigen::Index>(model.faces.size());
-  const Eigen::MatrixXd faces =
-      FacesInFit(problem, model, seen, covariance->shared.bottomRightCorner(size, size));
-  for (size_t f = 0; f < model.faces.size(); ++f) {
-    auto& face = result.faces.emplace_back();
-    if (!seen[f]) continue;
-    const auto variances =
-        faces.diagonal().segment<kFaceSize>(kFaceSize * static_cast<Eigen::Index>(f));
-    face = FaceUncertainty{DegFromRad(Root(variances.head<3>().sum())),
-                           1e3 * Root(variances.segment<3>(3).sum()),
-                           1e3 * Root(variances.tail<2>().sum())};
-  }
+  result.faces = SummarizeFaces(problem, views, model, covariance->shared);
   return result;
 }
 

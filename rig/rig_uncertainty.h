@@ -11,7 +11,7 @@ namespace rotunda::rig {
 /// How well the pictures determine a camera.
 struct CameraUncertainty {
   /// Of its unknowns (kPoseSize and the intrinsics' parameters, as in NormalEquations). Held
-  /// intrinsics have the covariance they were given (`held_intrinsics` of BuildUncertainty), with
+  /// intrinsics have the covariance they were given (AdjustedUnknowns::held_intrinsics), with
   /// its effect on the pose; without one, and for all else that is held, rows and columns are 0.
   Eigen::MatrixXd covariance;
   PoseSigma sigma;
@@ -32,18 +32,23 @@ struct RigUncertainty {
   std::vector<std::optional<FaceUncertainty>> faces;      // nullopt: never seen
 };
 
+/// What was found, and what was held. `held_intrinsics`: covariance by camera of intrinsics that
+/// were held but are not exact; empty: exact.
+struct AdjustedUnknowns {
+  FreeUnknowns free;
+  const std::vector<Eigen::MatrixXd>& held_intrinsics;
+};
+
 /// Covariances from the normal equations at the solution of SolveRig without loss, the views'
 /// sigma_px being the true noise. Gauge: cameras are given relative to the rigid fit of all camera
 /// centres, the faces relative to the rigid fit of all faces' outer corners (inner constraints;
 /// Triggs et al. 2000, section 9): what is left after one rigid motion is what a comparison with
-/// truth or with another calibration sees. Intrinsics that were held but are not exact go into
-/// their camera's poses: `held_intrinsics` has their covariance by camera (empty: exact; what they
-/// do to the shots, which many cameras see, is left out). kFailed when something is not determined.
+/// truth or with another calibration sees. Held intrinsics that are not exact go into their
+/// camera's poses (what they do to the shots, which many cameras see, is left out). kFailed when
+/// something is not determined.
 Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
                                         const std::vector<FaceView>& views, const RigModel& model,
-                                        const FreeUnknowns& free,
-                                        const std::vector<Eigen::MatrixXd>& held_intrinsics,
-                                        RunContext& context);
+                                        const AdjustedUnknowns& unknowns, RunContext& context);
 
 /// Cameras whose unknowns their own corners leave open, all else being known.
 std::vector<size_t> UndeterminedCameras(const RigProblem& problem,

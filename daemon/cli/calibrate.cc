@@ -111,12 +111,18 @@ void PrintSigmas(const Calibration& calibration) {
       rotation / count, position / count, focal / count, max_rotation, max_position);
 }
 
-void PrintTable(const CalibrateArguments& arguments, const CalibrationOutcome& outcome,
-                const std::vector<StageCost>& costs) {
-  const CalibrationResiduals& residuals = *outcome.calibration.residuals;
-  std::printf("Calibrated %zu of %zu cameras from %zu of %zu shots\n",
-              outcome.calibration.cameras.size(), outcome.sightings.cameras.size(),
-              outcome.ShotsUsed(), outcome.sightings.shots.size());
+void PrintChanges(const CalibrationOutcome& outcome) {
+  const auto changes = outcome.Changes();
+  if (!changes) return;
+  if (changes->empty()) {
+    std::printf("Since the calibration compared with, no camera moved.\n");
+    return;
+  }
+  std::printf("Since the calibration compared with:\n");
+  for (const std::string& change : *changes) std::printf("  %s\n", change.c_str());
+}
+
+void PrintResiduals(const CalibrationResiduals& residuals) {
   std::printf(
       "corners                %zu of %zu kept (%.1f %%), RMS %.3f px, %.2f times the "
       "detector's sigma\n",
@@ -127,6 +133,15 @@ void PrintTable(const CalibrateArguments& arguments, const CalibrationOutcome& o
     std::printf("held-out corners       RMS %.3f px, 95 %% below %.3f px\n",
                 *residuals.held_out_rms_px, *residuals.held_out_p95_px);
   }
+}
+
+void PrintTable(const CalibrateArguments& arguments, const CalibrationOutcome& outcome,
+                const std::vector<StageCost>& costs) {
+  const CalibrationResiduals& residuals = *outcome.calibration.residuals;
+  std::printf("Calibrated %zu of %zu cameras from %zu of %zu shots\n",
+              outcome.calibration.cameras.size(), outcome.sightings.cameras.size(),
+              outcome.ShotsUsed(), outcome.sightings.shots.size());
+  PrintResiduals(residuals);
   PrintSigmas(outcome.calibration);
   if (residuals.half_split_rotation_ratio) {
     std::printf(
@@ -139,13 +154,7 @@ void PrintTable(const CalibrateArguments& arguments, const CalibrationOutcome& o
     std::printf("markers not used       %s\n", RejectedText(rejected).c_str());
   }
   for (const std::string& note : outcome.notes) std::printf("  note: %s\n", note.c_str());
-  const auto changes = outcome.Changes();
-  if (changes && changes->empty()) {
-    std::printf("Since the calibration compared with, no camera moved.\n");
-  } else if (changes) {
-    std::printf("Since the calibration compared with:\n");
-    for (const std::string& change : *changes) std::printf("  %s\n", change.c_str());
-  }
+  PrintChanges(outcome);
   for (const StageCost& cost : costs) {
     std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,
                 cost.peak_memory_mb);
@@ -187,6 +196,24 @@ Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& commo
   return {};
 }
 
+/// Options that name an earlier calibration.
+void AddEarlier(CLI::App* command, CalibrateArguments& arguments) {
+  command
+      ->add_option("--fix-intrinsics-from", arguments.intrinsics_from,
+                   "Keep the lenses of this calibration, its rig frame and the target as it was "
+                   "found then: one shot is enough")
+      ->type_name("FILE");
+  command
+      ->add_option("--frame-from", arguments.frame_from,
+                   "Rig frame of this calibration (cameras that moved do not drag it); default: "
+                   "the target in the shot that [rig_frame] of the board file names, else in the "
+                   "first one")
+      ->type_name("FILE");
+  command
+      ->add_option("--compare", arguments.compare, "Say which cameras moved since this calibration")
+      ->type_name("FILE");
+}
+
 }  // namespace
 
 void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
@@ -210,21 +237,7 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
   command->add_option("--out", arguments->out, "Calibration to write")
       ->type_name("FILE")
       ->required();
-  command
-      ->add_option("--fix-intrinsics-from", arguments->intrinsics_from,
-                   "Keep the lenses of this calibration, its rig frame and the target as it was "
-                   "found then: one shot is enough")
-      ->type_name("FILE");
-  command
-      ->add_option("--frame-from", arguments->frame_from,
-                   "Rig frame of this calibration (cameras that moved do not drag it); default: "
-                   "the target in the shot that [rig_frame] of the board file names, else in the "
-                   "first one")
-      ->type_name("FILE");
-  command
-      ->add_option("--compare", arguments->compare,
-                   "Say which cameras moved since this calibration")
-      ->type_name("FILE");
+  AddEarlier(command, *arguments);
   command->add_option("--report", arguments->report, "Page to write, for a browser")
       ->type_name("FILE.html");
   AddChoice<rig::LensModel>(

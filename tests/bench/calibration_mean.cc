@@ -222,11 +222,51 @@ void PrintRow(const std::string& name, const World& world, const World& clean,
   }
 }
 
+/// One way to spoil the pictures.
+struct MeanInput {
+  std::string name;
+  std::function<void(World&)> spoil;
+  bool compare = false;  // with the calibration from the pictures as they were
+};
+
+std::vector<MeanInput> MeanInputs(ThreadPool& threads) {
+  constexpr size_t kShot = 2, kCamera = 3, kOther = 11;
+  constexpr double kBlur_px = 6;
+  const auto shot = [](void (*change)(const World&, cv::Mat&)) {
+    return [change](World& world) {
+      ChangeShot(world, kShot, [&](cv::Mat& picture) { change(world, picture); });
+    };
+  };
+  const auto flip = [](cv::Mat& picture) { cv::flip(picture, picture, 1); };
+  const auto blur = [](const World&, cv::Mat& picture) {
+    cv::GaussianBlur(picture, picture, {}, kBlur_px);
+  };
+  const auto swap = [](std::vector<rig::BoardSighting>& sightings) {
+    std::swap(sightings[kCamera], sightings[kOther]);
+  };
+  return {
+      {"another board in view, in one shot", shot(PasteOtherBoard)},
+      {"an id twice in all pictures of a shot", shot(DuplicateMarker)},
+      {"a camera's pictures mirrored",
+       [flip](World& world) { ChangeCamera(world, kCamera, flip); }},
+      {"a shot blurred", shot(blur)},
+      {"a face hidden", [](World& world) { HideFace(world, 1); }},
+      {"a camera upside down", [](World& world) { TurnUpsideDown(world, kCamera); }},
+      {"two cameras swapped, in all shots",
+       [swap](World& world) {
+         for (auto& row : world.sightings.sightings) swap(row);
+       },
+       true},
+      {"two cameras swapped, in one shot",
+       [swap](World& world) { swap(world.sightings.sightings[kShot]); }},
+      {"the cuboid moved by 3 mm during a shot",
+       [&threads](World& world) { MoveBoard(world, kShot, threads); }},
+  };
+}
+
 }  // namespace
 
 void BenchMeanInputs(ThreadPool& threads) {
-  constexpr size_t kShot = 2, kCamera = 3, kOther = 11;
-  constexpr double kBlur_px = 6;
   const test::TemporaryFolder folder;
   const World clean = Render(folder, threads);
   std::printf("\nMean inputs, rendered: %zu cameras of 600x800, %zu shots\n", clean.Cameras(),
@@ -234,42 +274,13 @@ void BenchMeanInputs(ThreadPool& threads) {
   const Calibration earlier =
       Calibrate(clean.options.board, clean.sightings, {.validate = false}, threads).file;
   PrintRow("nothing wrong", clean, clean, earlier, threads);
-  const auto row = [&](const std::string& name, const std::function<void(World&)>& spoil,
-                       bool compare = false) {
+  for (const MeanInput& input : MeanInputs(threads)) {
     World world = clean;
-    spoil(world);
-    PrintRow(name, world, clean, compare ? std::optional(earlier) : std::nullopt, threads);
+    input.spoil(world);
+    PrintRow(input.name, world, clean, input.compare ? std::optional(earlier) : std::nullopt,
+             threads);
     std::fflush(stdout);
-  };
-  row("another board in view, in one shot", [&](World& world) {
-    ChangeShot(world, kShot, [&](cv::Mat& picture) { PasteOtherBoard(world, picture); });
-  });
-  row("an id twice in all pictures of a shot", [&](World& world) {
-    ChangeShot(world, kShot, [&](cv::Mat& picture) { DuplicateMarker(world, picture); });
-  });
-  row("a camera's pictures mirrored", [&](World& world) {
-    ChangeCamera(world, kCamera, [](cv::Mat& picture) { cv::flip(picture, picture, 1); });
-  });
-  row("a shot blurred", [&](World& world) {
-    ChangeShot(world, kShot,
-               [&](cv::Mat& picture) { cv::GaussianBlur(picture, picture, {}, kBlur_px); });
-  });
-  row("a face hidden", [](World& world) { HideFace(world, 1); });
-  row("a camera upside down", [&](World& world) { TurnUpsideDown(world, kCamera); });
-  row(
-      "two cameras swapped, in all shots",
-      [&](World& world) {
-        for (auto& sightings : world.sightings.sightings) {
-          std::swap(sightings[kCamera], sightings[kOther]);
-        }
-      },
-      true);
-  row("two cameras swapped, in one shot", [&](World& world) {
-    auto& sightings = world.sightings.sightings[kShot];
-    std::swap(sightings[kCamera], sightings[kOther]);
-  });
-  row("the cuboid moved by 3 mm during a shot",
-      [&](World& world) { MoveBoard(world, kShot, threads); });
+  }
 }
 
 }  // namespace rotunda::bench

@@ -31,6 +31,24 @@ TEST(BoardConfig, ShippedCuboidHoldsTheDefaults) {
   EXPECT_NEAR(cuboid->face_position_sigma_m, defaults.face_position_sigma_m, 1e-15);
 }
 
+TEST(BoardConfig, AFileThatSaysNothingIsTheShippedCuboid) {
+  const auto cuboid = ReadBoard(kConfig / "cuboid.toml"), empty = ParseBoard("", "empty");
+  ASSERT_TRUE(cuboid && empty);
+  ASSERT_EQ(empty->faces.size(), cuboid->faces.size());
+  for (size_t f = 0; f < empty->faces.size(); ++f) {
+    const rig::BoardFace &a = empty->faces[f], &b = cuboid->faces[f];
+    EXPECT_EQ(a.square_m, b.square_m);
+    EXPECT_EQ(a.marker_m, b.marker_m);
+    EXPECT_EQ(a.margin_m, b.margin_m);
+    EXPECT_EQ(a.first_id, b.first_id);
+    EXPECT_EQ(a.dictionary, b.dictionary);
+    EXPECT_EQ(a.board_from_face.Matrix(), b.board_from_face.Matrix());
+  }
+  EXPECT_EQ(empty->face_position_sigma_m, cuboid->face_position_sigma_m);
+  EXPECT_EQ(empty->face_rotation_sigma_rad, cuboid->face_rotation_sigma_rad);
+  EXPECT_EQ(empty->bow_sigma_m, cuboid->bow_sigma_m);
+}
+
 TEST(BoardConfig, TheRigFrameIsRead) {
   const auto board = ParseBoard(
       "[rig_frame]\nshot = \"placement_03\"\nboard_origin_mm = [10, 0, -5]\nfront_deg = 90\n",
