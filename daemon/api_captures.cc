@@ -9,6 +9,7 @@
 #include "daemon/api_answers.h"
 #include "daemon/model_export.h"
 #include "daemon/store_captures.h"
+#include "daemon/store_jobs.h"
 #include "daemon/store_reconstructions.h"
 #include "sfm/core/json_reader.h"
 
@@ -145,10 +146,24 @@ HttpResponse Export(const ApiParts& parts, const ApiRequest& request, Exporter& 
   return response;
 }
 
+/// kNotFound when it is not there, unless the same was asked for before: that is known as long as
+/// its job is, also when its capture is gone.
+Status CheckCapture(Store& store, const std::string& id, const ApiRequest& request) {
+  const std::string key = request.http.Header("idempotency-key");
+  if (!key.empty()) {
+    ROTUNDA_ASSIGN_OR_RETURN(const std::optional<JobRecord> known, FindJobByKey(store, key));
+    if (known) return {};
+  }
+  ROTUNDA_RETURN_IF_ERROR(FindCapture(store, id));
+  return {};
+}
+
 /// The body with the capture of the path in it.
 HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& request) {
   const std::string& id = request.path.at("capture");
-  if (const auto capture = FindCapture(parts.store, id); !capture) return Problem(capture.error());
+  if (const Status there = CheckCapture(parts.store, id, request); !there.ok()) {
+    return Problem(there.error());
+  }
   const std::string& text = request.http.body;
   Result<nlohmann::json> body = ParseJson(text.empty() ? "{}" : text, "body");
   if (!body) return Problem(400, body.error().ToString());

@@ -35,14 +35,16 @@ class CalibrationCheck {
     }
     const Result<std::string> text = CalibrationText(store, id);
     problem_ = text ? "" : text.error().ToString();
-    id_ = id;
+    // What is wrong with the machine, not with the file, may be over at the next look.
+    const bool may_pass = !text && text.error().code == ErrorCode::kIo;
+    id_ = may_pass ? "" : id;
     changed_ = now.st_ctim;
     return problem_;
   }
 
  private:
   std::mutex mutex_;
-  std::string id_;  // empty: nothing was looked at yet
+  std::string id_;  // empty: look again
   timespec changed_ = {};
   std::string problem_;
 };

@@ -87,9 +87,11 @@ Peer PeerOf(int fd, const HttpAccess& access) {
   return peer;
 }
 
-/// How many of `all` places there are for one with this role.
+/// How many of `all` places there are for one with this role: an operator finds at least one of
+/// two.
 uint64_t PlacesFor(Role role, int all) {
-  return static_cast<uint64_t>(role == Role::kOperator ? all : all - all / kOperatorsShare);
+  const int kept = all < 2 ? 0 : std::max(1, all / kOperatorsShare);
+  return static_cast<uint64_t>(role == Role::kOperator ? all : all - kept);
 }
 
 std::string Printable(beast::string_view text) {
@@ -108,8 +110,8 @@ struct Answer {
   std::shared_ptr<const void> held = nullptr;
 };
 
-/// A file on its way. Handlers' threads read it, a piece when the one before was taken: a disk that
-/// is slow or hangs holds up nobody else.
+/// A file on its way. Handlers' threads read it, a piece when the one before was taken: a read that
+/// is slow or hangs holds up nobody else while another of these threads is free.
 struct FileAnswer : Answer<http::buffer_body> {
   beast::file file;
   uint64_t left_bytes = 0;
@@ -359,10 +361,11 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
       answer->piece.resize(bytes);
       beast::error_code error;
       const size_t read = bytes > 0 ? answer->file.read(answer->piece.data(), bytes, error) : 0;
-      const bool is_whole = !error && read == bytes;
-      net::post(self->server_.io, [self, answer, is_whole] {
+      std::string trouble = error ? error.message() : "";
+      if (!error && read < bytes) trouble = "the file is shorter than it was";
+      net::post(self->server_.io, [self, answer, trouble = std::move(trouble)] {
         // Cut off, so that the client does not take it for the whole file.
-        if (!is_whole) return self->OnWriteError();
+        if (!trouble.empty()) return self->CutOff(trouble);
         self->OnFilePiece(answer);
       });
     });
@@ -396,9 +399,11 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
         });
   }
 
-  void OnWriteError() {
+  void OnWriteError() { CutOff(""); }
+
+  void CutOff(const std::string& trouble) {
     status_ = 0;
-    Log();
+    Log(trouble);
     Close();
   }
 
@@ -496,11 +501,11 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
   }
 
   /// Once for each request; a stream's end may be seen by its reading and its writing.
-  void Log() {
+  void Log(const std::string& trouble = "") {
     if (!server_.options.log || (is_stream_ && std::exchange(stream_logged_, true))) return;
     const std::chrono::duration<double> spent = Clock::now() - begin_;
     server_.options.log({peer_, Printable(request_.method), Printable(request_.target), status_,
-                         sent_bytes_, spent.count()});
+                         sent_bytes_, spent.count(), trouble});
   }
 
   Impl& server_;

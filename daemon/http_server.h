@@ -39,9 +39,10 @@ struct AccessEntry {
   Peer peer;
   std::string method;
   std::string target;  // printable
-  int status = 0;      // 0: the client went away
+  int status = 0;      // 0: the answer was not taken, or not given, to its end
   uint64_t sent_bytes = 0;
-  double seconds = 0;  // from the last byte of the request to the last of the answer
+  double seconds = 0;   // from the last byte of the request to the last of the answer
+  std::string trouble;  // ours, with status 0; empty: the client went away
 };
 
 /// Counts since the start.

@@ -234,7 +234,9 @@ Result<JobRecord> JobQueue::Cancel(int64_t number) {
 }
 
 Result<JobRecord> JobQueue::Rerun(int64_t number) {
-  ROTUNDA_RETURN_IF_ERROR(CheckQueue());
+  // One that cannot be run again says so also while the queue is full.
+  ROTUNDA_ASSIGN_OR_RETURN(const JobRecord found, FindJob(store_, number));
+  if (CanRunAgain(found.state)) ROTUNDA_RETURN_IF_ERROR(CheckQueue());
   ROTUNDA_ASSIGN_OR_RETURN(JobRecord job, RequeueJob(store_, number));
   Wake();
   return job;

@@ -70,8 +70,14 @@ std::map<Role, std::string> RoleNames(const config::DaemonConfig::Access& access
 }
 
 HttpLimits LimitsOf(const config::DaemonConfig::Http& http) {
-  return {http.header_bytes, http.body_bytes, http.connections,  http.streams,
-          http.request_ms,   http.write_ms,   http.heartbeat_ms, http.threads};
+  return {.header_bytes = http.header_bytes,
+          .body_bytes = http.body_bytes,
+          .connections = http.connections,
+          .streams = http.streams,
+          .request_ms = http.request_ms,
+          .write_ms = http.write_ms,
+          .heartbeat_ms = http.heartbeat_ms,
+          .handler_threads = http.threads};
 }
 
 /// Applies the retention policy and forgets old jobs, at the start and every hour, apart from

@@ -53,10 +53,12 @@ void SetLevel(spdlog::logger& log, const std::string& level) {
 }
 
 void LogAccess(spdlog::logger& log, const AccessEntry& entry) {
-  log.info("access uid={} pid={} \"{} {}\" {} {} bytes {:.1f} ms", entry.peer.uid, entry.peer.pid,
-           entry.method, entry.target,
-           entry.status == 0 ? "client left" : std::to_string(entry.status), entry.sent_bytes,
-           1000 * entry.seconds);
+  const std::string end = !entry.trouble.empty() ? "cut off (" + entry.trouble + ")"
+                          : entry.status == 0    ? "client left"
+                                                 : std::to_string(entry.status);
+  log.log(entry.trouble.empty() ? spdlog::level::info : spdlog::level::err,
+          "access uid={} pid={} \"{} {}\" {} {} bytes {:.1f} ms", entry.peer.uid, entry.peer.pid,
+          entry.method, entry.target, end, entry.sent_bytes, 1000 * entry.seconds);
 }
 
 void LogEvent(spdlog::logger& log, const EventRecord& event) {

@@ -302,12 +302,14 @@ Result<size_t> PruneJobs(Store& store, size_t keep) {
   return static_cast<size_t>(*removed);
 }
 
+bool CanRunAgain(JobState state) {
+  return state == JobState::kInterrupted || state == JobState::kFailed ||
+         state == JobState::kCancelled;
+}
+
 Result<JobRecord> RequeueJob(Store& store, int64_t number) {
   return ChangeJob(store, number, [](Database& database, JobRecord& job, auto& events) -> Status {
-    if (job.state != JobState::kInterrupted && job.state != JobState::kFailed &&
-        job.state != JobState::kCancelled) {
-      return WrongState(job, "interrupted, failed or cancelled");
-    }
+    if (!CanRunAgain(job.state)) return WrongState(job, "interrupted, failed or cancelled");
     return Requeue(database, job, events);
   });
 }

@@ -31,6 +31,8 @@ Result<JobRecord> RequestCancel(Store& store, int64_t number);
 /// Removes jobs that are done, failed or cancelled and not among the newest `keep` jobs; gives how
 /// many.
 Result<size_t> PruneJobs(Store& store, size_t keep);
+/// Whether a job in this state can be queued again.
+bool CanRunAgain(JobState state);
 /// Queues an interrupted, failed or cancelled job again; kInvalidArgument in any other state.
 Result<JobRecord> RequeueJob(Store& store, int64_t number);
 

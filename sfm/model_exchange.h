@@ -50,7 +50,9 @@ Status WriteMetashapeModel(const Reconstruction& reconstruction,
 /// program's own export "OpenCV-compliant" writes k1,k2,t2,t1; the converters EasyVolcap
 /// (rc_utils.py) and camorph do the same. What the article leaves open: the tangential order, the
 /// longer side for V, and the aspect ratio as fy/fx are as those have them. The 3-D points cannot
-/// be given to RealityCapture. kInvalidArgument also when two pictures would have one XMP file.
+/// be given to RealityCapture. Its own default lens (Alignment settings, Advanced, Distortion
+/// model) is Brown3, which has no tangential part: Brown3 with tangential2 is to be chosen there.
+/// kInvalidArgument also when two pictures would have one XMP file.
 Status WriteRealityCaptureModel(const Reconstruction& reconstruction,
                                 const std::vector<std::string>& image_names,
                                 const std::filesystem::path& folder);

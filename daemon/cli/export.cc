@@ -29,8 +29,8 @@ Status Export(const ExportArguments& arguments, const CommonOptions& common) {
                                            {"points", model.points}};
     std::printf("%s\n", result.dump(1).c_str());
   } else {
-    std::printf("Wrote %zu images and %zu points as %s to %s\n", model.images, model.points,
-                arguments.format.c_str(), arguments.out.c_str());
+    std::printf("Wrote a model of %zu images and %zu points as %s to %s\n", model.images,
+                model.points, arguments.format.c_str(), arguments.out.c_str());
   }
   return {};
 }
@@ -44,7 +44,12 @@ void AddExport(CLI::App& app, CommonOptions& common, Action& chosen) {
                  "rotunda export out --format colmap-text --out out-text");
   command->add_option("DIR", arguments->reconstruction, "Folder that `rotunda reconstruct` made")
       ->required();
-  command->add_option("--format", arguments->format, "Format to write")
+  command
+      ->add_option(
+          "--format", arguments->format,
+          "Format to write. nerfstudio wants the pictures in OUT/images, realitycapture its "
+          "files beside the pictures; metashape and realitycapture hold no points, ply "
+          "nothing else; Bayer pictures are developed first")
       ->check(CLI::IsMember(daemon::ExportFormats()))
       ->required();
   command

@@ -150,8 +150,11 @@ class FullDisk {
   /// It serves, or it ends with 1 and says why.
   void StartOnFullDisk() {
     process_ = daemon_.Start();
-    test::WaitUntil(milliseconds(5000),
-                    [&] { return !process_->Running() || daemon_.Get("/v1/status").is_object(); });
+    const auto decided = [&] {
+      return !process_->Running() || daemon_.Get("/v1/status").is_object();
+    };
+    Require(test::WaitUntil(kPatience, decided),
+            "on a full disk it neither serves nor ends:\n" + daemon_.Log());
     if (process_->Running()) return Kill();
     ++refused_starts_;
     Require(process_->Wait() == 1, "it did not end with 1 on a full disk:\n" + daemon_.Log());

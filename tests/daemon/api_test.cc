@@ -17,6 +17,7 @@
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
+#include "daemon/store_sql.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
@@ -294,6 +295,24 @@ TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
       Call("POST", "/v1/captures", "x", Role::kOperator, {{"content-type", "text/xml"}}).status,
       415);
   EXPECT_EQ(Call("GET", "/v1/status", "{}").status, 400) << "takes no body";
+}
+
+TEST_F(Api, AReconstructionAskedForTwiceIsTheSameJobAlsoWhenItsCaptureIsGone) {
+  Fill();
+  const std::string target = "/v1/captures/" + std::string(kCapture) + "/reconstructions";
+  const auto post = [&](const std::string& key) {
+    return Call("POST", target, "", Role::kOperator, {{"idempotency-key", key}});
+  };
+  const HttpResponse first = post("k1");
+  ASSERT_EQ(first.status, 202) << first.body;
+  ASSERT_TRUE(
+      state_.store()
+          .Write([](Database& database, auto&) { return database.Execute("DELETE FROM captures"); })
+          .ok());
+  const HttpResponse again = post("k1");
+  ASSERT_EQ(again.status, 202) << again.body;
+  EXPECT_EQ(Json::parse(again.body)["id"], Json::parse(first.body)["id"]);
+  EXPECT_EQ(post("k2").status, 404);
 }
 
 TEST_F(Api, ABrokenFileOfOursIsNotTheCallersFault) {

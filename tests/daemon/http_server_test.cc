@@ -403,6 +403,9 @@ TEST_F(HttpServerTest, AFileThatIsShorterThanItWasIsNotTakenForWhole) {
   std::filesystem::resize_file(folder_ / "shrinks", 10);
   EXPECT_LT(connection.ReadAll().size(), kLarge);
   EXPECT_TRUE(connection.closed());
+  while (Log().empty()) std::this_thread::sleep_for(milliseconds(5));
+  EXPECT_EQ(Log().back().status, 0);
+  EXPECT_EQ(Log().back().trouble, "the file is shorter than it was");
 }
 
 TEST_F(HttpServerTest, AFileThatHangsHoldsUpNobodyElse) {

@@ -350,6 +350,8 @@ TEST(Jobs, AreRefusedWhenTooManyWait) {
   ASSERT_TRUE(queue.Cancel(second->number).ok());
   EXPECT_TRUE(queue.Submit(JobKind::kCapture, "{}", "").ok());
   EXPECT_EQ(queue.Rerun(second->number).error().code, ErrorCode::kFailed);
+  EXPECT_EQ(queue.Rerun(first->number).error().code, ErrorCode::kInvalidArgument) << "it waits";
+  EXPECT_EQ(queue.Rerun(4711).error().code, ErrorCode::kNotFound);
   gate.Open();
 }
 
