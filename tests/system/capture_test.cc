@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm/core/calibration.h"
 #include "sfm/core/frame_set.h"
 #include "tests/support/process.h"
 #include "tests/support/served_cameras.h"
@@ -39,7 +40,16 @@ class CaptureCommand : public testing::Test {
     test::WriteSmallFrameSet(Served(), 4, "CAPT");
     const auto set = ReadFrameSet(Served());
     ASSERT_TRUE(set) << set.error().ToString();
-    std::ofstream(*folder_ / "lenses.json") << "{}";
+    std::ofstream(*folder_ / "unread.json") << "{}";
+    Calibration lenses;
+    lenses.created_at = "2026-01-01T09:00:00Z";
+    for (const Frame& frame : set->frames) {
+      CalibratedCamera& camera = lenses.cameras.emplace_back();
+      camera.camera = frame.camera;
+      camera.serial = frame.serial;
+      camera.intrinsics = {CameraModel::kPinhole, frame.width_px, frame.height_px, {10, 10, 4, 4}};
+    }
+    ASSERT_TRUE(WriteCalibration(lenses, *folder_ / "lenses.json").ok());
     WriteConfig("rig.toml", *set, "");
     WriteConfig("line1.toml", *set, "[trigger]\ncamera_input = \"Line1\"\n");
     WriteConfig("odd.toml", *set, "[trigger]\ncamera_input = \"Opto\"\n");
@@ -112,6 +122,14 @@ TEST_F(CaptureCommand, WritesThePicturesThatTheCamerasWereGiven) {
     ASSERT_EQ(a.size(), b.size());
     EXPECT_EQ(cv::norm(a, b, cv::NORM_L1), 0);
   }
+}
+
+TEST_F(CaptureCommand, ACalibrationThatCannotBeReadIsRefusedBeforeThePulse) {
+  const int before = FramesSent();
+  const ProcessOutcome shot = Capture("unread", {"--calibration", *folder_ / "unread.json"});
+  EXPECT_EQ(shot.exit_code, 1);
+  EXPECT_TRUE(Contains(shot.errors, "unread.json: format: expected")) << shot.errors;
+  EXPECT_EQ(FramesSent(), before);
 }
 
 TEST_F(CaptureCommand, AnIncompleteShotIsWrittenAndSaysSo) {
