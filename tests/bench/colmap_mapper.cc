@@ -6,29 +6,12 @@
 
 #include "sfm/colmap_io.h"
 #include "tests/bench/bench_process.h"
+#include "tests/support/colmap_schema.h"
 
 namespace rotunda::bench {
 namespace {
 
 namespace fs = std::filesystem;
-
-/// COLMAP 3.8, src/base/database.cc.
-constexpr char kSchema[] = R"(
-CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT NULL,
-  width INTEGER NOT NULL, height INTEGER NOT NULL, params BLOB, prior_focal_length INTEGER NOT NULL);
-CREATE TABLE images (image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, name TEXT NOT NULL UNIQUE,
-  camera_id INTEGER NOT NULL, prior_qw REAL, prior_qx REAL, prior_qy REAL, prior_qz REAL,
-  prior_tx REAL, prior_ty REAL, prior_tz REAL);
-CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB);
-CREATE TABLE descriptors (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB);
-CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB);
-CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB,
-  tvec BLOB);
-)";
 
 /// COLMAP's Database::kMaxNumImages.
 constexpr int64_t kMaxImages = 2147483647;
@@ -217,7 +200,7 @@ void WriteMatchedDatabase(const fs::path& file, const MapperInput& input) {
   fs::remove(file);
   Database database(file);
   database.Execute("PRAGMA synchronous = OFF");
-  database.Execute(kSchema);
+  database.Execute(test::kColmapSchema);
   database.Execute("BEGIN");
   PutImages(database, input);
   PutKeypoints(database, input.features);
