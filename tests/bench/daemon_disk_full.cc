@@ -178,10 +178,8 @@ void MeasureFullDisk(const test::SimulatedDaemon::Options& given, int rounds, un
   options.more_config = "[storage]\nreserve_mb = 0\n";  // nothing is refused in time
   const test::SimulatedDaemon daemon(options);
   SmallDisk disk(daemon.State());
-  if (disk.problem()) {
-    std::printf("disk full: skipped, no disk can be mounted for it: %s\n", disk.problem()->c_str());
-    return;
-  }
+  Require(!disk.problem(), "no disk can be mounted to be filled (--full-disks 0 leaves it out): " +
+                               disk.problem().value_or(""));
   const auto set = ReadFrameSet(options.frame_sets.front());
   Require(set.ok(), "no frame set");
   FullDisk full(daemon, set->frames.size(), disk, seed);
