@@ -17,8 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kWorstCameras = 5;  // that are named
-
 struct CalibrateArguments {
   std::vector<fs::path> framesets;
   fs::path board;
@@ -49,12 +47,8 @@ using daemon::CalibrationOutcome;
 
 /// "7 x seen twice (most: c03r2 4, c04r2 3)".
 std::string RejectedText(const rig::RejectedCount& rejected) {
-  std::string worst;
-  for (size_t i = 0; i < std::min(kWorstCameras, rejected.cameras.size()); ++i) {
-    const auto& [camera, count] = rejected.cameras[i];
-    worst += (worst.empty() ? "" : ", ") + camera + " " + std::to_string(count);
-  }
-  return std::to_string(rejected.count) + " x " + rejected.kind + " (most: " + worst + ")";
+  return std::to_string(rejected.count) + " x " + rig::TextOf(rejected.kind).name +
+         " (most: " + rig::WorstCameras(rejected) + ")";
 }
 
 nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejected) {
@@ -62,7 +56,8 @@ nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejec
   for (const rig::RejectedCount& count : rejected) {
     nlohmann::ordered_json cameras = nlohmann::ordered_json::object();
     for (const auto& [camera, markers] : count.cameras) cameras[camera] = markers;
-    list.push_back({{"reason", count.kind}, {"count", count.count}, {"cameras", cameras}});
+    list.push_back(
+        {{"reason", rig::TextOf(count.kind).name}, {"count", count.count}, {"cameras", cameras}});
   }
   return list;
 }
