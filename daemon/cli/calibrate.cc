@@ -205,7 +205,9 @@ void AddEarlier(CLI::App* command, CalibrateArguments& arguments) {
                    "first one")
       ->type_name("FILE");
   command
-      ->add_option("--compare", arguments.compare, "Say which cameras moved since this calibration")
+      ->add_option(
+          "--compare", arguments.compare,
+          "Say which cameras moved since this calibration, how far, and by how many sigmas")
       ->type_name("FILE");
 }
 
@@ -238,10 +240,12 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
   AddChoice<rig::LensModel>(
       command, "--model", arguments->model,
       "Lens: opencv (default, 8 parameters), opencv5 (9: k3 as well), or full-opencv (12, for "
-      "strong distortion; needs corners up to the edges of every picture)",
+      "strong distortion; needs corners up to the edges of every picture). Lenses that are kept "
+      "are of the model they were found with",
       {{"opencv", rig::LensModel::kOpencv},
        {"opencv5", rig::LensModel::kOpencv5},
        {"full-opencv", rig::LensModel::kFullOpencv}});
+  command->get_option("--model")->excludes("--fix-intrinsics-from");
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
       const Status status = Calibrate(*arguments, common);
