@@ -264,6 +264,30 @@ void FindCorners(const cv::Mat& grey, const Board& board, const BoardDetectionOp
 
 }  // namespace
 
+RejectionText TextOf(Rejection kind) {
+  switch (kind) {
+    case Rejection::kAlone:
+      return {
+          "alone",
+          "No other marker of its face was read near it: usual where a face is seen from the "
+          "side, at the picture's edge or partly hidden. If a camera has many, show it the face "
+          "nearer, or light it better."};
+    case Rejection::kMisplaced:
+      return {"not where its neighbours put it",
+              "A misread marker, or one of another print: a few do no harm. If a camera has many, "
+              "compare the print with the board file (columns, rows, first_id, legacy_pattern) and "
+              "look for another board in view."};
+    case Rejection::kOnNoFace:
+      return {"on no face of the board",
+              "Another print is in view, or the board file is not this target's: take the print "
+              "away, or give the target's own file."};
+    case Rejection::kSeenTwice:
+      break;
+  }
+  return {"seen twice",
+          "A copy of the board, or its mirror image, is in view: take it away or cover it."};
+}
+
 Result<BoardDetection> DetectBoard(const cv::Mat& grey, const Board& board,
                                    const BoardDetectionOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(board.Validate());

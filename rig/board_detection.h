@@ -23,11 +23,20 @@ struct BoardCorner {
   double sigma_px = 0;    // one standard deviation of each coordinate, from contrast and noise
 };
 
+/// Kinds of reasons not to use a marker: what they are counted by.
+enum class Rejection { kAlone, kMisplaced, kOnNoFace, kSeenTwice };
+
+struct RejectionText {
+  const char* name;    // "seen twice"
+  const char* remedy;  // for the operator: what it means, and what to do
+};
+RejectionText TextOf(Rejection kind);
+
 struct RejectedMarker {
   std::string dictionary;
   int id = -1;
   Eigen::Vector2d centre_px;
-  std::string kind;    // of the reason, without ids and numbers: to be counted by
+  Rejection kind = Rejection::kOnNoFace;
   std::string reason;  // for the operator: "id 530 is on no face of the board", ...
 };
 

@@ -305,7 +305,7 @@ Result<BoardSightings> DetectBoards(const ShotPictures& shots, const Board& boar
 }
 
 std::vector<RejectedCount> CountRejected(const BoardSightings& sightings) {
-  std::map<std::string, std::map<std::string, size_t>> kinds;
+  std::map<Rejection, std::map<std::string, size_t>> kinds;
   for (const auto& row : sightings.sightings) {
     for (size_t c = 0; c < row.size(); ++c) {
       if (!row[c].detection) continue;
@@ -325,6 +325,16 @@ std::vector<RejectedCount> CountRejected(const BoardSightings& sightings) {
   std::stable_sort(counts.begin(), counts.end(),
                    [](const auto& a, const auto& b) { return a.count > b.count; });
   return counts;
+}
+
+std::string WorstCameras(const RejectedCount& rejected) {
+  constexpr size_t kMostNamed = 5;
+  std::string worst;
+  for (size_t i = 0; i < std::min(kMostNamed, rejected.cameras.size()); ++i) {
+    const auto& [camera, count] = rejected.cameras[i];
+    worst += (worst.empty() ? "" : ", ") + camera + " " + std::to_string(count);
+  }
+  return worst;
 }
 
 }  // namespace rotunda::rig

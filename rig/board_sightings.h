@@ -68,11 +68,13 @@ Result<BoardSightings> DetectBoards(const ShotPictures& shots, const Board& boar
 
 /// Markers that were not used for one reason, in all pictures.
 struct RejectedCount {
-  std::string kind;  // as RejectedMarker::kind
+  Rejection kind = Rejection::kOnNoFace;
   size_t count = 0;
   std::vector<std::pair<std::string, size_t>> cameras;  // those with the most first
 };
 /// The most frequent kind first.
 std::vector<RejectedCount> CountRejected(const BoardSightings& sightings);
+/// "c03r2 4, c04r2 3": the cameras with the most, and how many each.
+std::string WorstCameras(const RejectedCount& rejected);
 
 }  // namespace rotunda::rig

@@ -43,44 +43,63 @@ std::string Number(double value, const char* format) {
   return text;
 }
 
-void Advise(const RigCalibration& result, size_t camera, const CalibrationCheckOptions& options,
-            CameraCheck& check) {
-  struct Part {
-    bool rows;
-    int third;
-    const char* name;
-    const char* remedy;
-  };
-  static constexpr std::array<Part, 4> kParts = {{
-      {true, 0, "upper", "raise the target, or tilt it"},
-      {true, 2, "lower", "lower the target, or tilt it"},
-      {false, 0, "left", "shift or turn the target"},
-      {false, 2, "right", "shift or turn the target"},
-  }};
-  for (const Part& part : kParts) {
+/// A border third of the picture.
+struct PicturePart {
+  bool rows;
+  int third;
+  const char* name;
+  Eigen::Vector2d towards;  // it, from the picture's middle
+};
+
+/// How to bring the target into a part of a camera's picture. Which way is up there, the camera's
+/// pose says: cameras stand upside down and on their side, too.
+std::string RemedyFor(const PicturePart& part, const Rigid3& cam_from_rig) {
+  constexpr double kLeastUp = 0.3;  // sine: what looks straight up or down sees no way up
+  constexpr double kAlong = 0.7;    // cosine of 45 deg
+  const Eigen::Vector2d up = (cam_from_rig.rotation * Eigen::Vector3d::UnitZ()).head<2>();
+  if (up.norm() > kLeastUp) {
+    const double upwards = part.towards.dot(up.normalized());
+    if (upwards > kAlong) return "raise the target, or tilt it";
+    if (upwards < -kAlong) return "lower the target, or tilt it";
+  }
+  return "shift or turn the target";
+}
+
+/// What to do about parts of the picture with hardly a corner.
+void AdviseCoverage(const Rigid3& cam_from_rig, const CalibrationCheckOptions& options,
+                    CameraCheck& check) {
+  const std::array<PicturePart, 4> parts = {{{true, 0, "upper", {0, -1}},
+                                             {true, 2, "lower", {0, 1}},
+                                             {false, 0, "left", {-1, 0}},
+                                             {false, 2, "right", {1, 0}}}};
+  for (const PicturePart& part : parts) {
     const double covered = CoveredPart(check, part.rows, part.third, options);
     if (covered >= options.min_covered) continue;
     check.advice.push_back(std::string(covered > 0 ? "few corners" : "no corner") + " in its " +
-                           part.name + " third: " + part.remedy +
+                           part.name + " third: " + RemedyFor(part, cam_from_rig) +
                            " in another shot, so that it appears there");
   }
+}
+
+/// What to do about what the corners leave uncertain. With lenses that are kept, corners need not
+/// cover the picture, but must still hold the camera's pose.
+void AdviseUncertainty(const RigCalibration& result, size_t camera,
+                       const CalibrationCheckOptions& options, CameraCheck& check) {
   const auto& uncertainty = result.uncertainty.cameras[camera];
   if (!uncertainty) return;
-  const double focal_px = result.model.intrinsics[camera].MeanFocal_px();
-  if (uncertainty->sigma.focal_px &&
+  const CameraIntrinsics& lens = result.model.intrinsics[camera];
+  const double focal_px = lens.MeanFocal_px();
+  if (result.free.intrinsics && uncertainty->sigma.focal_px &&
       *uncertainty->sigma.focal_px > options.max_focal_sigma * focal_px) {
     check.advice.push_back("its focal length is uncertain by " +
                            Number(100 * *uncertainty->sigma.focal_px / focal_px, "%.2f %%") +
                            ": show it two faces at a time, or the target at other distances");
   }
-  if (uncertainty->projection_max_px > options.max_projection_px) {
-    check.advice.push_back("a point may appear " +
-                           Number(uncertainty->projection_max_px, "%.2f px") +
-                           " off somewhere in its picture: take more shots with corners there" +
-                           (result.model.intrinsics[camera].model == CameraModel::kFullOpencv
-                                ? ", or find fewer lens parameters (--model opencv)"
-                                : ""));
-  }
+  if (uncertainty->projection_max_px <= options.max_projection_px) return;
+  const bool fewer = result.free.intrinsics && lens.model == CameraModel::kFullOpencv;
+  check.advice.push_back("a point may appear " + Number(uncertainty->projection_max_px, "%.2f px") +
+                         " off somewhere in its picture: take more shots with corners there" +
+                         (fewer ? ", or find fewer lens parameters (--model opencv)" : ""));
 }
 
 /// Sums over the kept corners into the cameras' checks: how many, by cell too, their residuals by
@@ -290,7 +309,8 @@ std::vector<CameraCheck> CheckCameras(const Board& board, const BoardSightings& 
       check.mean_px[i] /= static_cast<double>(std::max<size_t>(1, check.cells[i]));
       check.covered += check.cells[i] > 0 ? 1.0 / static_cast<double>(cells) : 0.0;
     }
-    if (result.free.intrinsics) Advise(result, c, options, check);
+    if (result.free.intrinsics) AdviseCoverage(*result.model.cam_from_rig[c], options, check);
+    AdviseUncertainty(result, c, options, check);
     if (check.rms_px > options.max_rms_ratio * rms_px) {
       check.advice.push_back("its corners fit " + Number(check.rms_px / rms_px, "%.1f") +
                              " times worse than the rig's: check its focus, and that it is fixed");

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <numeric>
 
 #include "rig/calibration_drawings.h"
 #include "sfm/core/html_text.h"
@@ -43,6 +45,7 @@ table{border-collapse:collapse;width:100%;font-size:.88rem}
 th,td{padding:4px 10px;text-align:right;border-bottom:1px solid var(--line);white-space:nowrap}
 th:first-child,td:first-child,.text{text-align:left}
 th{color:var(--soft);font-weight:500}
+.words td:last-child,.words th:last-child{white-space:normal;text-align:left;min-width:22em}
 )css";
 
 using Row = std::vector<std::string>;
@@ -58,6 +61,11 @@ std::string Table(const Row& head, const std::vector<Row>& rows) {
     html += "</tr>\n";
   }
   return html + "</tbody></table></div>\n";
+}
+
+/// A table whose last column has sentences.
+std::string WordsTable(const Row& head, const std::vector<Row>& rows) {
+  return "<div class=\"words\">" + Table(head, rows) + "</div>\n";
 }
 
 std::string Section(const std::string& title, const std::string& explanation,
@@ -177,7 +185,7 @@ std::string ShotTable(const CalibrationReportInput& input) {
                     std::to_string(corners[s]), rms,
                     input.result.shot_problem[s].empty() ? "used" : input.result.shot_problem[s]});
   }
-  return Table({"shot", "cameras", "corners", "RMS px", ""}, rows);
+  return WordsTable({"shot", "cameras", "corners", "RMS px", ""}, rows);
 }
 
 std::string ComparisonTable(const CalibrationComparison& comparison) {
@@ -192,6 +200,52 @@ std::string ComparisonTable(const CalibrationComparison& comparison) {
     return !a.back().empty() && b.back().empty();
   });
   return Table({"camera", "mm", "deg", "sigmas", "focal length %", ""}, rows);
+}
+
+std::string ReasonTable(const std::vector<RejectedCount>& rejected) {
+  std::vector<Row> rows;
+  for (const RejectedCount& count : rejected) {
+    const RejectionText text = TextOf(count.kind);
+    rows.push_back({text.name, std::to_string(count.count), std::to_string(count.cameras.size()),
+                    WorstCameras(count), text.remedy});
+  }
+  return WordsTable({"reason", "markers", "cameras", "most", "what to do"}, rows);
+}
+
+/// By camera, a column for each reason; cameras with none are left out.
+std::string RejectedByCamera(const BoardSightings& sightings,
+                             const std::vector<RejectedCount>& rejected) {
+  Row head = {"camera", "used", "not used"};
+  std::map<std::string, std::vector<size_t>> counts;  // by reason
+  for (size_t kind = 0; kind < rejected.size(); ++kind) {
+    head.push_back(TextOf(rejected[kind].kind).name);
+    for (const auto& [camera, count] : rejected[kind].cameras) {
+      counts[camera].resize(rejected.size(), 0);
+      counts[camera][kind] = count;
+    }
+  }
+  std::vector<Row> rows;
+  for (size_t c = 0; c < sightings.cameras.size(); ++c) {
+    const auto own = counts.find(sightings.cameras[c].camera);
+    if (own == counts.end()) continue;
+    size_t used = 0;
+    for (const auto& shot : sightings.sightings) {
+      if (shot[c].detection) used += static_cast<size_t>(shot[c].detection->markers_found);
+    }
+    const size_t all = std::accumulate(own->second.begin(), own->second.end(), size_t{0});
+    Row row = {own->first, std::to_string(used), std::to_string(all)};
+    for (const size_t count : own->second) row.push_back(std::to_string(count));
+    rows.push_back(std::move(row));
+  }
+  return Table(head, rows);
+}
+
+std::string RejectedSection(const BoardSightings& sightings) {
+  const std::vector<RejectedCount> rejected = CountRejected(sightings);
+  const std::string title = "Markers not used";
+  if (rejected.empty()) return Section(title, "Every marker that was read was used.", "");
+  return Section(title, "Markers that were read in the pictures and left out, with the reason.",
+                 ReasonTable(rejected) + "<p></p>" + RejectedByCamera(sightings, rejected));
 }
 
 double LongestResidual_px(const std::vector<CameraCheck>& checks) {
@@ -219,25 +273,31 @@ std::string Maps(const CalibrationReportInput& input, double longest_px) {
   return html + "</div>";
 }
 
+std::string Heading(const CalibrationReportInput& input) {
+  return "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Calibration " +
+         Escaped(input.calibration.id) + "</title><style>" + kStyle + "</style></head><body>\n" +
+         "<header><h1>Calibration " + Escaped(input.calibration.id) + "</h1><p>" +
+         Escaped(input.calibration.created_at) + ", target " + Escaped(input.board.name) + ", " +
+         Counted(input.sightings.shots.size(), "shot") + "</p></header>\n";
+}
+
+std::string Layout(const CalibrationReportInput& input) {
+  return "<div class=\"views\"><figure class=\"card\">" +
+         DrawLayout(input.board, input.result, LayoutView::kTop) +
+         "<figcaption>from above, front to the right</figcaption></figure>"
+         "<figure class=\"card\">" +
+         DrawLayout(input.board, input.result, LayoutView::kSide) +
+         "<figcaption>from the side</figcaption></figure></div>";
+}
+
 }  // namespace
 
 std::string BuildCalibrationReport(const CalibrationReportInput& input) {
-  std::string html =
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Calibration " +
-      Escaped(input.calibration.id) + "</title><style>" + kStyle + "</style></head><body>\n" +
-      "<header><h1>Calibration " + Escaped(input.calibration.id) + "</h1><p>" +
-      Escaped(input.calibration.created_at) + ", target " + Escaped(input.board.name) + ", " +
-      Counted(input.sightings.shots.size(), "shot") + "</p></header>\n<main>" + Verdict(input) +
-      Tiles(input);
+  std::string html = Heading(input) + "<main>" + Verdict(input) + Tiles(input);
   html += Section("Layout",
                   "Cameras and the target of every shot, in the rig frame. A camera's circle grows "
                   "with its position's uncertainty.",
-                  "<div class=\"views\"><figure class=\"card\">" +
-                      DrawLayout(input.board, input.result, LayoutView::kTop) +
-                      "<figcaption>from above, front to the right</figcaption></figure>"
-                      "<figure class=\"card\">" +
-                      DrawLayout(input.board, input.result, LayoutView::kSide) +
-                      "<figcaption>from the side</figcaption></figure></div>");
+                  Layout(input));
   const double longest_px = LongestResidual_px(input.checks);
   html += Section("Coverage and residuals over the picture",
                   "The darker a cell, the more corners; a red one has none. Bars show the mean "
@@ -249,6 +309,7 @@ std::string BuildCalibrationReport(const CalibrationReportInput& input) {
                   "Sigmas are one standard deviation after the rigid fit of all camera centres "
                   "(roots of the traces). Projection: how far a point of the rig may appear off.",
                   CameraTable(input));
+  html += RejectedSection(input.sightings);
   html += Section("Target", "Where each face is and how it bows, found together with the cameras.",
                   FaceTable(input));
   html += Section("Shots", "Corners that the result stands on.", ShotTable(input));

@@ -68,7 +68,7 @@ class FaceMarkers {
   }
 
   const std::string& reason(size_t i) const { return reasons_[i]; }  // empty: accepted
-  const std::string& kind(size_t i) const { return kinds_[i]; }
+  Rejection kind(size_t i) const { return kinds_[i]; }               // of a rejected one
 
  private:
   struct Votes {
@@ -100,7 +100,7 @@ class FaceMarkers {
         }
       }
       if (!worst) return;
-      kinds_[*worst] = worst_votes.all == 0 ? "alone" : "not where its neighbours put it";
+      kinds_[*worst] = worst_votes.all == 0 ? Rejection::kAlone : Rejection::kMisplaced;
       reasons_[*worst] = worst_votes.all == 0
                              ? "no other marker of its face is near to confirm it"
                              : "it is not where its neighbours on the board put it (" +
@@ -151,13 +151,14 @@ class FaceMarkers {
 
   void Reject(const std::vector<size_t>& group, const std::string& reason) {
     for (size_t i : group) {
-      kinds_[i] = "seen twice";
+      kinds_[i] = Rejection::kSeenTwice;
       reasons_[i] = reason;
     }
   }
 
   const std::vector<FoundMarker>& markers_;
-  std::vector<std::string> reasons_, kinds_;
+  std::vector<std::string> reasons_;
+  std::vector<Rejection> kinds_;
   std::vector<std::vector<std::pair<size_t, bool>>> agrees_;
 };
 
@@ -166,8 +167,7 @@ class FaceMarkers {
 MarkerChoice ChooseMarkers(std::vector<FoundMarker> found, const Board& board,
                            const BoardDetectionOptions& options) {
   MarkerChoice choice;
-  const auto reject = [&](const FoundMarker& marker, const std::string& kind,
-                          const std::string& reason) {
+  const auto reject = [&](const FoundMarker& marker, Rejection kind, const std::string& reason) {
     choice.rejected.push_back({marker.dictionary, marker.id, marker.Centre_px(), kind, reason});
   };
   std::vector<std::vector<FoundMarker>> of_face(board.faces.size());
@@ -177,7 +177,7 @@ MarkerChoice ChooseMarkers(std::vector<FoundMarker> found, const Board& board,
           return candidate.dictionary == marker.dictionary && candidate.HasMarker(marker.id);
         });
     if (face == board.faces.end()) {
-      reject(marker, "on no face of the board",
+      reject(marker, Rejection::kOnNoFace,
              "id " + std::to_string(marker.id) + " is on no face of the board");
     } else {
       of_face[static_cast<size_t>(face - board.faces.begin())].push_back(marker);

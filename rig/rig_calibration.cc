@@ -123,7 +123,7 @@ Status AdjustRobustly(const RigProblem& problem, LensModel lens, RigCalibration&
     const bool settled = std::abs(now - noise) < kSettled * noise;
     noise = now;
     if (round == 0) {
-      ExtendModel(lens, model);
+      if (result.free.intrinsics) ExtendModel(lens, model);
       options.free = result.free;
       options.function_tolerance = 1e-5;
     } else if (settled) {

@@ -18,7 +18,7 @@ enum class LensModel {
 };
 
 struct RigCalibrationOptions {
-  LensModel model = LensModel::kOpencv;
+  LensModel model = LensModel::kOpencv;  // of intrinsics that are found
   /// Holds the intrinsics of these cameras, and takes the target's geometry found then as prior.
   const Calibration* intrinsics_from = nullptr;
   /// Rig frame: that of this calibration, by a rigid fit that cameras which moved do not drag;

@@ -17,8 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kWorstCameras = 5;  // that are named
-
 struct CalibrateArguments {
   std::vector<fs::path> framesets;
   fs::path board;
@@ -49,12 +47,8 @@ using daemon::CalibrationOutcome;
 
 /// "7 x seen twice (most: c03r2 4, c04r2 3)".
 std::string RejectedText(const rig::RejectedCount& rejected) {
-  std::string worst;
-  for (size_t i = 0; i < std::min(kWorstCameras, rejected.cameras.size()); ++i) {
-    const auto& [camera, count] = rejected.cameras[i];
-    worst += (worst.empty() ? "" : ", ") + camera + " " + std::to_string(count);
-  }
-  return std::to_string(rejected.count) + " x " + rejected.kind + " (most: " + worst + ")";
+  return std::to_string(rejected.count) + " x " + rig::TextOf(rejected.kind).name +
+         " (most: " + rig::WorstCameras(rejected) + ")";
 }
 
 nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejected) {
@@ -62,7 +56,8 @@ nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejec
   for (const rig::RejectedCount& count : rejected) {
     nlohmann::ordered_json cameras = nlohmann::ordered_json::object();
     for (const auto& [camera, markers] : count.cameras) cameras[camera] = markers;
-    list.push_back({{"reason", count.kind}, {"count", count.count}, {"cameras", cameras}});
+    list.push_back(
+        {{"reason", rig::TextOf(count.kind).name}, {"count", count.count}, {"cameras", cameras}});
   }
   return list;
 }
@@ -210,7 +205,9 @@ void AddEarlier(CLI::App* command, CalibrateArguments& arguments) {
                    "first one")
       ->type_name("FILE");
   command
-      ->add_option("--compare", arguments.compare, "Say which cameras moved since this calibration")
+      ->add_option(
+          "--compare", arguments.compare,
+          "Say which cameras moved since this calibration, how far, and by how many sigmas")
       ->type_name("FILE");
 }
 
@@ -243,10 +240,12 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
   AddChoice<rig::LensModel>(
       command, "--model", arguments->model,
       "Lens: opencv (default, 8 parameters), opencv5 (9: k3 as well), or full-opencv (12, for "
-      "strong distortion; needs corners up to the edges of every picture)",
+      "strong distortion; needs corners up to the edges of every picture). Lenses that are kept "
+      "are of the model they were found with",
       {{"opencv", rig::LensModel::kOpencv},
        {"opencv5", rig::LensModel::kOpencv5},
        {"full-opencv", rig::LensModel::kFullOpencv}});
+  command->get_option("--model")->excludes("--fix-intrinsics-from");
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
       const Status status = Calibrate(*arguments, common);

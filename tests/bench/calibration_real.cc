@@ -1,5 +1,6 @@
 #include "tests/bench/calibration_real.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -13,15 +14,20 @@
 namespace rotunda::bench {
 namespace {
 
-void PrintFit(const TimedSightings& timed, const CalibrationRun& run) {
+RealFit PrintFit(const TimedSightings& timed, const CalibrationRun& run) {
   const rig::BoardSightings& sightings = timed.sightings;
   size_t shots = 0;
   for (const auto& shot : run.result.model.rig_from_board) shots += shot.has_value();
   const CalibrationResiduals& residuals = *run.file.residuals;
+  const auto share = [](size_t part, size_t of) {
+    return static_cast<double>(part) / static_cast<double>(of);
+  };
+  const RealFit fit = {residuals.rms_px, share(residuals.kept, residuals.corners),
+                       std::min(share(run.file.cameras.size(), sightings.cameras.size()),
+                                share(shots, sightings.shots.size()))};
   std::printf("  cameras %zu of %zu, shots %zu of %zu, kept %zu of %zu corners (%.1f %%)\n",
               run.file.cameras.size(), sightings.cameras.size(), shots, sightings.shots.size(),
-              residuals.kept, residuals.corners,
-              100.0 * static_cast<double>(residuals.kept) / static_cast<double>(residuals.corners));
+              residuals.kept, residuals.corners, 100 * fit.kept);
   std::printf(
       "  RMS %.3f px, held-out RMS %.3f px, P95 %.3f px; noise %.2f times the detector's sigma; "
       "halves over sigma: rotation %.2f, position %.2f\n",
@@ -30,6 +36,7 @@ void PrintFit(const TimedSightings& timed, const CalibrationRun& run) {
       run.validation.position_ratio.value_or(NAN));
   std::printf("  time: detection %.1f s (%zu pictures)  %s\n", timed.seconds, timed.pictures,
               run.times.c_str());
+  return fit;
 }
 
 /// The faces as found, against the drawing.
@@ -111,20 +118,20 @@ void CompareWithMrcal(const rig::Board& board, const rig::BoardSightings& sighti
 
 }  // namespace
 
-void BenchReal(const std::filesystem::path& board_file, const std::filesystem::path& folder,
-               ThreadPool& threads) {
+std::optional<RealFit> BenchReal(const std::filesystem::path& board_file,
+                                 const std::filesystem::path& folder, ThreadPool& threads) {
   std::printf("\nReal: %s\n", folder.filename().c_str());
   if (!std::filesystem::exists(folder)) {
     std::printf("  left out: %s is not there\n", folder.c_str());
-    return;
+    return std::nullopt;
   }
   const rig::Board board = OrDie(config::ReadBoard(board_file));
   const TimedSightings timed = Detect(folder, board, threads);
   const CalibrationRun run = Calibrate(board, timed.sightings, {}, threads);
-  PrintFit(timed, run);
+  const RealFit fit = PrintFit(timed, run);
   if (board.faces.size() > 1) {
     PrintFaces(board, run);
-    return;
+    return fit;
   }
   CompareWithMrcal(board, timed.sightings, run, "LENSMODEL_OPENCV4");
   std::printf("  with k3 (--model opencv5)\n");
@@ -132,6 +139,7 @@ void BenchReal(const std::filesystem::path& board_file, const std::filesystem::p
       Calibrate(board, timed.sightings, {.model = rig::LensModel::kOpencv5}, threads);
   PrintFit(timed, with_k3);
   CompareWithMrcal(board, timed.sightings, with_k3, "LENSMODEL_OPENCV5");
+  return fit;
 }
 
 }  // namespace rotunda::bench

@@ -1,14 +1,23 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 
 #include "sfm/core/run_context.h"
 
 namespace rotunda::bench {
 
+/// What a calibration of real cameras reached, with the lens model of the command's default.
+struct RealFit {
+  double rms_px = 0;
+  double kept = 0;   // share of the corners found
+  double posed = 0;  // share of the cameras, or of the shots when that is less
+};
+
 /// Calibrates real cameras from the shots in `folder` of the board in `board_file`, with its time
-/// by stage. A board of one face also goes through mrcal, and both results are compared.
-void BenchReal(const std::filesystem::path& board_file, const std::filesystem::path& folder,
-               ThreadPool& threads);
+/// by stage. A board of one face also goes through mrcal, and both results are compared. nullopt
+/// when the folder is not there.
+std::optional<RealFit> BenchReal(const std::filesystem::path& board_file,
+                                 const std::filesystem::path& folder, ThreadPool& threads);
 
 }  // namespace rotunda::bench

@@ -184,6 +184,20 @@ TEST_P(FlatPictures, ALoneMarkerIsNotTrusted) {
 INSTANTIATE_TEST_SUITE_P(BoardDetection, FlatPictures,
                          testing::Values("APRILTAG_36h11", "6X6_1000"));
 
+TEST(DetectBoard, BoardsOfDifferentDictionariesAreOneTarget) {
+  Board board = FlatBoard("APRILTAG_36h11");
+  board.faces.push_back(FlatBoard("6X6_1000").faces[0]);  // the same ids, of another dictionary
+  board.faces[1].name = "second";
+  cv::Mat both;
+  cv::hconcat(Draw(board.faces[0]), Draw(board.faces[1]), both);
+  const BoardDetection detection = Detect(both, board);
+  EXPECT_EQ(detection.markers_found, 2 * board.faces[0].MarkerCount());
+  ASSERT_EQ(static_cast<int>(detection.corners.size()), 2 * board.faces[0].CornerCount());
+  for (const BoardCorner& corner : detection.corners) {
+    EXPECT_EQ(corner.pixel.x() > 0.5 * both.cols, corner.face == 1);
+  }
+}
+
 TEST(DetectBoard, AnEmptyPictureIsADetectionWithoutCorners) {
   const BoardDetection detection =
       Detect(cv::Mat(200, 300, CV_8UC1, cv::Scalar(90)), FlatBoard("APRILTAG_36h11"));
