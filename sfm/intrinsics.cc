@@ -16,20 +16,27 @@ std::string SizeText(int width_px, int height_px) {
   return std::to_string(width_px) + "x" + std::to_string(height_px);
 }
 
+/// Where nothing is known; valid also for a frame without a picture, which may have no size.
+CameraIntrinsics GuessedLens(const ImageFeatures& image) {
+  const int width_px = std::max(1, image.width_px), height_px = std::max(1, image.height_px);
+  return DefaultIntrinsics(width_px, height_px, kDefaultFocalRatio * std::max(width_px, height_px));
+}
+
 Result<Intrinsics> FromCalibration(const FrameSet& set, const Features& features,
                                    const Calibration& calibration) {
   Intrinsics intrinsics;
   intrinsics.known = true;
   for (size_t i = 0; i < set.frames.size(); ++i) {
     const std::string& camera = set.frames[i].camera;
-    const CalibratedCamera* calibrated = calibration.Find(camera);
-    if (calibrated == nullptr) {
-      return Error{ErrorCode::kBadInput,
-                   "the calibration '" + calibration.id + "' has no such camera",
-                   "camera '" + camera + "'"};
-    }
-    const CameraIntrinsics& lens = calibrated->intrinsics;
     const ImageFeatures& image = features.images[i];
+    const CalibratedCamera* calibrated = calibration.Find(camera);
+    if (calibrated == nullptr && set.frames[i].status == "ok") {
+      return Error{
+          ErrorCode::kBadInput,
+          "the calibration '" + calibration.id + "' has no such camera; " + HowToLeaveOut(set),
+          "camera '" + camera + "'"};
+    }
+    const CameraIntrinsics lens = calibrated ? calibrated->intrinsics : GuessedLens(image);
     const bool size_known = image.width_px > 0 && image.height_px > 0;
     if (size_known && (lens.width_px != image.width_px || lens.height_px != image.height_px)) {
       return Error{ErrorCode::kBadInput,
@@ -59,9 +66,8 @@ Result<Intrinsics> BuildIntrinsics(const FrameSet& set, const Features& features
   Intrinsics intrinsics;
   std::map<std::string, size_t> lens_of_key;
   for (size_t i = 0; i < set.frames.size(); ++i) {
-    // A frame without a picture has no size; one pixel keeps its lens valid and is never used.
-    const int width_px = std::max(1, features.images[i].width_px);
-    const int height_px = std::max(1, features.images[i].height_px);
+    CameraIntrinsics guess = GuessedLens(features.images[i]);
+    const int width_px = guess.width_px, height_px = guess.height_px;
     const std::optional<ExifFocal> exif =
         set.plain_folder ? ReadExifFocal(set.PicturePath(ImageId(i)), width_px, height_px)
                          : std::nullopt;
@@ -69,12 +75,10 @@ Result<Intrinsics> BuildIntrinsics(const FrameSet& set, const Features& features
     if (exif) {
       const std::string key = exif->lens_key + "/" + SizeText(width_px, height_px);
       lens = lens_of_key.emplace(key, lens).first->second;
+      guess = DefaultIntrinsics(width_px, height_px, exif->focal_px);
     }
     intrinsics.lens_of_image.push_back(lens);
-    if (lens < intrinsics.lenses.size()) continue;
-    const double focal_px =
-        exif ? exif->focal_px : kDefaultFocalRatio * std::max(width_px, height_px);
-    intrinsics.lenses.push_back(DefaultIntrinsics(width_px, height_px, focal_px));
+    if (lens == intrinsics.lenses.size()) intrinsics.lenses.push_back(guess);
   }
   return intrinsics;
 }

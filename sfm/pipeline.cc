@@ -1,6 +1,7 @@
 #include "sfm/pipeline.h"
 
 #include <algorithm>
+#include <set>
 #include <string>
 #include <system_error>
 
@@ -286,6 +287,25 @@ void NoteDoubtfulSides(const FrameSet& set, const TcSfmResult& result,
   }
 }
 
+/// Calibrated cameras that the set does not list: nobody would miss them otherwise.
+void NoteAbsentCameras(const Run& run, std::vector<std::string>& notes) {
+  constexpr size_t kNamed = 6;
+  if (!run.calibration) return;
+  std::set<std::string> present;
+  for (const Frame& frame : run.set.frames) present.insert(frame.camera);
+  size_t absent = 0;
+  std::string names;
+  for (const CalibratedCamera& camera : run.calibration->cameras) {
+    if (present.contains(camera.camera)) continue;
+    if (++absent <= kNamed) names += (names.empty() ? "" : ", ") + camera.camera;
+  }
+  if (absent == 0) return;
+  if (absent > kNamed) names += " and " + std::to_string(absent - kNamed) + " more";
+  notes.push_back("not in the frame set, though calibrated: " + names + " (" +
+                  std::to_string(absent) + " of " +
+                  std::to_string(run.calibration->cameras.size()) + " cameras)");
+}
+
 PipelineResult Finish(const Run& run, FrontEnd front, Built built,
                       const IncrementalOptions& incremental) {
   run.context.Report("uncertainty", 0, 1);
@@ -311,6 +331,7 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
     AddCalibrationFigures(*reference.alignment, *run.calibration, poses);
   }
   if (built.segments) AddSegments(*built.segments, poses);
+  NoteAbsentCameras(run, reference.notes);
 
   PipelineResult result{run.set,          std::move(front.features), std::move(model),
                         std::move(poses), std::move(built.segments), std::move(reference.notes)};

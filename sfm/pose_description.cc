@@ -17,18 +17,25 @@ std::string SideOf(const Rigid3& cam_from_rig) {
   return azimuth_deg > 0 ? "left" : "right";
 }
 
-/// Cameras far off the calibration were moved or are on the wrong side; without a verdict from the
-/// pictures the worse is assumed.
-void JudgeFarOff(size_t cameras, PoseSummary& summary) {
-  if (cameras == 0) return;
-  if (summary.verdict.empty()) {
+std::string Counted(size_t cameras, const char* rest) {
+  return std::to_string(cameras) + (cameras == 1 ? " camera " : " cameras ") + rest;
+}
+
+/// What the calibration says of the verdict of the pictures: it makes it worse, never better.
+void JudgeFarOff(size_t wrong_side, size_t turned, PoseSummary& summary) {
+  if (wrong_side > 0) {
     summary.folded = true;
-  } else if (summary.verdict == VerdictName(Verdict::kSure)) {
-    summary.verdict = VerdictName(Verdict::kUnsure);
-    summary.verdict_reason = std::to_string(cameras) +
-                             " cameras are far from where the calibration has them: moved, or on "
-                             "the wrong side";
+    summary.verdict = VerdictName(Verdict::kFolded);
+    summary.verdict_reason =
+        Counted(wrong_side, "on the wrong side: far from where the calibration has them");
+    return;
   }
+  if (turned > 0 && (summary.verdict.empty() || summary.verdict == VerdictName(Verdict::kSure))) {
+    summary.verdict = VerdictName(Verdict::kUnsure);
+    summary.verdict_reason =
+        Counted(turned, "turned far from where the calibration has them: moved, or folded");
+  }
+  if (turned == 0 && !summary.folded) summary.folded = false;
 }
 
 }  // namespace
@@ -50,7 +57,8 @@ PoseSet DescribePoses(const FrameSet& set, const IncrementalResult& models,
     pose.observations = residuals.images[i].observations;
     pose.rms_px = residuals.images[i].rms_px;
     pose.registered = reconstruction.Registered(ImageId(i));
-    if (pose.registered || reconstruction.intrinsics.known) {
+    const std::string& status = set.frames[i].status;
+    if (pose.registered || (reconstruction.intrinsics.known && status == "ok")) {
       pose.intrinsics = reconstruction.intrinsics.of(ImageId(i));
     }
     if (pose.registered) {
@@ -62,6 +70,10 @@ PoseSet DescribePoses(const FrameSet& set, const IncrementalResult& models,
   }
   for (const UnregisteredImage& image : models.unregistered) {
     poses.cameras[image.image.index()].reason = image.reason;
+  }
+  for (size_t i = 0; i < set.frames.size(); ++i) {
+    const std::string& status = set.frames[i].status;
+    if (status != "ok") poses.cameras[i].reason = "no usable picture: the frame is " + status;
   }
   return poses;
 }
@@ -78,21 +90,21 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
                            PoseSet& poses) {
   poses.metric = true;
   poses.aligned_to = calibration.id;
-  if (!poses.summary.folded) poses.summary.folded = false;
   double rotation_sum_deg = 0, position_sum_mm = 0;
-  size_t compared = 0, far_off = 0;
+  size_t compared = 0, wrong_side = 0, turned = 0;
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
     CameraPose& pose = poses.cameras[i];
     if (!pose.registered) continue;
     pose.side = SideOf(pose.cam_from_rig);
     pose.vs_calibration = alignment.vs_calibration[i];
     if (!pose.vs_calibration || pose.vs_calibration->swapped_with) continue;
-    far_off += pose.vs_calibration->rotation_deg > kFoldedRotation_deg;
+    wrong_side += pose.vs_calibration->wrong_side;
+    turned += pose.vs_calibration->rotation_deg > kFoldedRotation_deg;
     rotation_sum_deg += pose.vs_calibration->rotation_deg;
     position_sum_mm += pose.vs_calibration->position_mm;
     ++compared;
   }
-  JudgeFarOff(far_off, poses.summary);
+  JudgeFarOff(wrong_side, turned, poses.summary);
   if (compared == 0) return;
   poses.summary.mean_rotation_deg = rotation_sum_deg / static_cast<double>(compared);
   poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);
@@ -102,7 +114,9 @@ void AddVerdict(const TcSfmResult& result, PoseSet& poses) {
   poses.summary.verdict = VerdictName(result.verdict);
   poses.summary.verdict_reason = result.reason;
   if (std::isfinite(result.evidence)) poses.summary.margin = result.evidence;
-  poses.summary.folded = result.verdict == Verdict::kFolded;
+  if (result.verdict != Verdict::kUnsure) {
+    poses.summary.folded = result.verdict == Verdict::kFolded;
+  }
 }
 
 void AddSegments(const Segments& segments, PoseSet& poses) {

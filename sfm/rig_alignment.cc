@@ -12,11 +12,13 @@
 namespace rotunda::sfm {
 namespace {
 
-constexpr double kMovedSigmas = 6.0;
 /// A camera stands in a place of the calibration when every other place is farther by this factor.
 /// Poses of swapped cameras are worse than others: their lenses are each other's, too (half a per
 /// cent of the focal length is 1 cm at 2 m).
 constexpr double kFartherFactor = 5.0;
+/// A camera of a fold lands at least some columns away. One that came loose stays on its mount: it
+/// may turn by any angle, but not go away by this share of the rig's radius.
+constexpr double kWrongSideShare = 0.25;
 
 VsCalibration Compare(const Rigid3& cam_from_rig, const Rigid3& calibrated_cam_from_rig) {
   VsCalibration difference;
@@ -109,6 +111,22 @@ void MarkSwapped(const std::vector<std::optional<Rigid3>>& cam_from_rig, const F
   }
 }
 
+void MarkWrongSide(const Calibration& calibration,
+                   std::vector<std::optional<VsCalibration>>& differences) {
+  const double far_mm = 1e3 * kWrongSideShare * RigRadius_m(calibration);
+  bool folded = false;
+  for (auto& difference : differences) {
+    if (!difference || difference->swapped_with) continue;
+    difference->wrong_side =
+        difference->rotation_deg > kFoldedRotation_deg && difference->position_mm > far_mm;
+    folded = folded || difference->wrong_side;
+  }
+  if (!folded) return;
+  for (auto& difference : differences) {
+    if (difference) difference->moved = false;
+  }
+}
+
 }  // namespace
 
 Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, const FrameSet& set,
@@ -135,6 +153,7 @@ Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, co
   }
   MarkMoved(Transformed(covariances, fit.target_from_source), alignment.vs_calibration);
   MarkSwapped(cam_from_rig, set, calibration, alignment.vs_calibration);
+  MarkWrongSide(calibration, alignment.vs_calibration);
   return alignment;
 }
 

@@ -18,6 +18,12 @@ struct EvaluateArguments {
 };
 
 Result<Evaluation> Evaluate(const EvaluateArguments& arguments) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(arguments.measured, ignored)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "found a folder, expected the file poses.json or calibration.json in it",
+                 arguments.measured.string()};
+  }
   ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, ReadCalibration(arguments.truth));
   ROTUNDA_ASSIGN_OR_RETURN(const std::string text, ReadFile(arguments.measured));
   const nlohmann::json json = nlohmann::json::parse(text, nullptr, /*allow_exceptions=*/false);
@@ -40,6 +46,11 @@ void PrintTable(const Evaluation& evaluation, bool per_camera) {
   }
   std::printf("registered        %zu of %zu%s\n", evaluation.registered, evaluation.of,
               evaluation.folded ? ", FOLDED (a camera is more than 10 degrees off)" : "");
+  if (!evaluation.not_in_truth.empty()) {
+    std::string names;
+    for (const std::string& name : evaluation.not_in_truth) names += " " + name;
+    std::printf("not in the truth %s\n", names.c_str());
+  }
   std::printf("rotation error    mean %.4f  median %.4f  max %.4f deg\n",
               evaluation.mean_rotation_deg, evaluation.median_rotation_deg,
               evaluation.max_rotation_deg);

@@ -59,7 +59,10 @@ int Main(int argc, char** argv) {
   } catch (const CLI::Success& help) {
     return app.exit(help);
   } catch (const CLI::ParseError& wrong) {
-    std::fprintf(stderr, "rotunda: %s (see --help)\n", wrong.what());
+    // What is lacking may be there, misspelt: that is what to name.
+    const std::vector<std::string> unknown = app.remaining(/*recurse=*/true);
+    const std::string what = unknown.empty() ? wrong.what() : "'" + unknown[0] + "' is not known";
+    std::fprintf(stderr, "rotunda: %s (see --help)\n", what.c_str());
     return kWrongUsage;
   }
   try {

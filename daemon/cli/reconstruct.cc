@@ -82,26 +82,54 @@ void PrintJson(const ReconstructArguments& arguments, const sfm::PipelineResult&
   std::printf("%s\n", result.dump(1).c_str());
 }
 
+void PrintVerdict(const PoseSet& poses) {
+  const PoseSummary& summary = poses.summary;
+  if (!summary.verdict.empty()) {
+    std::printf("Verdict: %s: %s\n", summary.verdict.c_str(), summary.verdict_reason.c_str());
+  } else {
+    std::printf("Verdict: none: --method %s does not look for look-alike sides%s\n",
+                poses.method.c_str(),
+                summary.folded ? "; all cameras are near their calibrated places" : "");
+  }
+}
+
+std::string Displacement(const CameraPose& pose) {
+  char text[128];
+  const VsCalibration& off = *pose.vs_calibration;
+  if (pose.sigma) {
+    std::snprintf(text, sizeof text, "%.2f +- %.2f mm, %.3f +- %.3f deg", off.position_mm,
+                  pose.sigma->position_mm, off.rotation_deg, pose.sigma->rotation_deg);
+  } else {
+    std::snprintf(text, sizeof text, "%.2f mm, %.3f deg", off.position_mm, off.rotation_deg);
+  }
+  return text;
+}
+
+/// A line for a camera without a pose or not in its place.
+void PrintCamera(const CameraPose& pose) {
+  const std::optional<VsCalibration>& off = pose.vs_calibration;
+  if (!pose.registered) {
+    std::printf("  not registered: %s: %s\n", pose.camera.c_str(), pose.reason.c_str());
+  } else if (off && off->wrong_side) {
+    std::printf("  on the wrong side: %s, off the calibration by %s\n", pose.camera.c_str(),
+                Displacement(pose).c_str());
+  } else if (off && off->moved) {
+    std::printf("  moved since the calibration: %s by %s\n", pose.camera.c_str(),
+                Displacement(pose).c_str());
+  } else if (off && off->swapped_with) {
+    std::printf("  swapped since the calibration: %s stands where %s was\n", pose.camera.c_str(),
+                off->swapped_with->c_str());
+  }
+}
+
 void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult& result,
                 const std::vector<StageCost>& costs) {
   const PoseSummary& summary = result.poses.summary;
   std::printf("Registered %zu of %zu cameras, %zu points, mean reprojection error %.3f px%s\n",
               summary.registered, summary.of, summary.points, summary.mean_reprojection_px,
               result.poses.metric ? ", metric in the rig frame" : ", arbitrary scale");
-  if (!summary.verdict.empty()) {
-    std::printf("Verdict: %s: %s\n", summary.verdict.c_str(), summary.verdict_reason.c_str());
-  }
-  for (const CameraPose& pose : result.poses.cameras) {
-    if (!pose.registered) {
-      std::printf("  not registered: %s: %s\n", pose.camera.c_str(), pose.reason.c_str());
-    } else if (pose.vs_calibration && pose.vs_calibration->moved) {
-      std::printf("  moved since the calibration: %s by %.2f mm, %.3f deg\n", pose.camera.c_str(),
-                  pose.vs_calibration->position_mm, pose.vs_calibration->rotation_deg);
-    } else if (pose.vs_calibration && pose.vs_calibration->swapped_with) {
-      std::printf("  swapped since the calibration: %s stands where %s was\n", pose.camera.c_str(),
-                  pose.vs_calibration->swapped_with->c_str());
-    }
-  }
+  PrintVerdict(result.poses);
+  for (const CameraPose& pose : result.poses.cameras) PrintCamera(pose);
   for (const std::string& note : result.notes) std::printf("  note: %s\n", note.c_str());
   for (const StageCost& cost : costs) {
     std::printf("  %-16s %8.2f s %8.0f MB\n", cost.stage.c_str(), cost.seconds,

@@ -21,12 +21,20 @@ struct Pair {
   std::optional<PoseSigma> sigma;  // position_mm: thousandths of the estimate's unit
 };
 
-void AddPair(const Calibration& truth, Pair pair, std::vector<Pair>& pairs) {
-  const CalibratedCamera* camera = truth.Find(pair.camera);
-  if (camera == nullptr) return;
-  pair.truth = camera->cam_from_rig;
-  pairs.push_back(std::move(pair));
-}
+struct Pairs {
+  std::vector<Pair> pairs;
+  std::vector<std::string> not_in_truth;
+
+  void Add(const Calibration& truth, Pair pair) {
+    const CalibratedCamera* camera = truth.Find(pair.camera);
+    if (camera == nullptr) {
+      not_in_truth.push_back(pair.camera);
+      return;
+    }
+    pair.truth = camera->cam_from_rig;
+    pairs.push_back(std::move(pair));
+  }
+};
 
 struct Summary {
   double mean = 0, median = 0, max = 0;
@@ -79,9 +87,11 @@ Result<Sim3> FitCentres(const std::vector<Pair>& pairs, bool with_scale) {
 }
 
 /// Fills everything but `registered` and `of`.
-Result<Evaluation> Evaluate(const std::vector<Pair>& pairs, bool with_scale) {
+Result<Evaluation> Evaluate(const Pairs& measured, bool with_scale) {
+  const std::vector<Pair>& pairs = measured.pairs;
   ROTUNDA_ASSIGN_OR_RETURN(const Sim3 truth_from_estimate, FitCentres(pairs, with_scale));
   Evaluation evaluation;
+  evaluation.not_in_truth = measured.not_in_truth;
   std::vector<double> rotations_deg, positions_mm;
   SigmaRatio rotation_ratio, position_ratio;
   for (const Pair& pair : pairs) {
@@ -114,12 +124,12 @@ Result<Evaluation> Evaluate(const std::vector<Pair>& pairs, bool with_scale) {
 }  // namespace
 
 Result<Evaluation> EvaluatePoses(const PoseSet& poses, const Calibration& truth) {
-  std::vector<Pair> pairs;
+  Pairs pairs;
   size_t registered = 0;
   for (const CameraPose& camera : poses.cameras) {
     if (!camera.registered) continue;
     ++registered;
-    AddPair(truth, {camera.camera, camera.cam_from_rig, {}, camera.sigma}, pairs);
+    pairs.Add(truth, {camera.camera, camera.cam_from_rig, {}, camera.sigma});
   }
   ROTUNDA_ASSIGN_OR_RETURN(Evaluation evaluation, Evaluate(pairs, true));
   evaluation.registered = registered;
@@ -128,12 +138,12 @@ Result<Evaluation> EvaluatePoses(const PoseSet& poses, const Calibration& truth)
 }
 
 Result<Evaluation> EvaluateCalibration(const Calibration& calibration, const Calibration& truth) {
-  std::vector<Pair> pairs;
+  Pairs pairs;
   for (const CalibratedCamera& camera : calibration.cameras) {
-    AddPair(truth, {camera.camera, camera.cam_from_rig, {}, camera.sigma}, pairs);
+    pairs.Add(truth, {camera.camera, camera.cam_from_rig, {}, camera.sigma});
   }
   ROTUNDA_ASSIGN_OR_RETURN(Evaluation evaluation, Evaluate(pairs, false));
-  evaluation.registered = pairs.size();
+  evaluation.registered = pairs.pairs.size();
   evaluation.of = truth.cameras.size();
   return evaluation;
 }
@@ -155,6 +165,7 @@ std::string EvaluationToJson(const Evaluation& evaluation) {
   if (evaluation.position_error_over_sigma) {
     root["position_error_over_sigma"] = *evaluation.position_error_over_sigma;
   }
+  if (!evaluation.not_in_truth.empty()) root["not_in_truth"] = evaluation.not_in_truth;
   root["cameras"] = Json::array();
   for (const CameraError& camera : evaluation.cameras) {
     Json object;

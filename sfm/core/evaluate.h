@@ -27,6 +27,7 @@ struct Evaluation {
   std::optional<double> rotation_error_over_sigma;
   std::optional<double> position_error_over_sigma;
   std::vector<CameraError> cameras;
+  std::vector<std::string> not_in_truth;  // measured, but nothing to compare with
 };
 
 /// Poses after one least-squares Sim(3) of the camera centres onto the truth's. kBadInput below 3

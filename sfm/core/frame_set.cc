@@ -158,7 +158,7 @@ Result<FrameSet> ReadManifest(const fs::path& folder) {
     std::error_code error;
     if (frame.status == "ok" && !fs::is_regular_file(folder / frame.file, error)) {
       return BadInput("camera \"" + frame.camera + "\" is listed as ok, but its file \"" +
-                          frame.file + "\" is not there",
+                          frame.file + "\" is not there; " + HowToLeaveOut(set),
                       manifest.string());
     }
   }
@@ -253,6 +253,12 @@ Result<FrameSet> ReadFrameSet(const fs::path& folder) {
   }
   if (fs::exists(fs::symlink_status(folder / kManifestName, error))) return ReadManifest(folder);
   return FrameSetOfPictures(folder);
+}
+
+std::string HowToLeaveOut(const FrameSet& set) {
+  return set.plain_folder
+             ? "to go on without it, move its picture out of the folder"
+             : "to go on without it, set its \"status\" in frameset.json to \"missing\"";
 }
 
 std::string FrameSetToJson(const FrameSet& set) {

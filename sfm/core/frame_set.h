@@ -59,6 +59,9 @@ inline constexpr char kFrameSetFormat[] = "rotunda-frameset/1";
 /// that is listed with status "ok" and is not there.
 Result<FrameSet> ReadFrameSet(const std::filesystem::path& folder);
 
+/// What to do about a picture or camera that cannot be used, for the end of an error's text.
+std::string HowToLeaveOut(const FrameSet& set);
+
 /// frameset.json text of `set` (the pictures are the writer's business).
 std::string FrameSetToJson(const FrameSet& set);
 /// The inverse; `source` names the text in errors. Does not look at the disk.

@@ -20,6 +20,7 @@ Json VsCalibrationJson(const VsCalibration& vs) {
   object["position_mm"] = vs.position_mm;
   object["moved"] = vs.moved;
   if (vs.swapped_with) object["swapped_with"] = *vs.swapped_with;
+  if (vs.wrong_side) object["wrong_side"] = true;
   return object;
 }
 
@@ -61,6 +62,7 @@ VsCalibration ReadVsCalibration(const JsonField& object) {
   vs.rotation_deg = object["rotation_deg"].Number();
   vs.position_mm = object["position_mm"].Number();
   vs.moved = object["moved"].Bool();
+  if (object["wrong_side"].present()) vs.wrong_side = object["wrong_side"].Bool();
   const JsonField swapped_with = object["swapped_with"];
   if (!swapped_with.present()) return vs;
   vs.swapped_with = swapped_with.String();

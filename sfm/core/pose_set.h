@@ -21,6 +21,9 @@ struct VsCalibration {
   /// The camera whose place in the calibration this one has, when cameras have changed places; such
   /// a camera is not `moved`.
   std::optional<std::string> swapped_with = std::nullopt;
+  /// So far from its place that nobody pushed it there: what looks alike was taken for one, the
+  /// model is folded. Of a folded model no camera is `moved`: nothing tells.
+  bool wrong_side = false;
 };
 
 /// One camera of a reconstruction.

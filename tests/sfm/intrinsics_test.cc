@@ -56,6 +56,16 @@ TEST(BuildIntrinsics, TakesTheCalibrationByName) {
   EXPECT_DOUBLE_EQ(intrinsics->of(ImageId(1)).fx_px(), 1403);
 }
 
+TEST(BuildIntrinsics, ACameraWithoutAPictureNeedsNoCalibration) {
+  FrameSet set = SetOf({"a", "x"});
+  set.frames[1].status = "missing";
+  const auto intrinsics =
+      BuildIntrinsics(set, SizesOf({{1200, 1600}, {0, 0}}), CalibrationOf({"a"}));
+  ASSERT_TRUE(intrinsics.ok()) << intrinsics.error().ToString();
+  EXPECT_TRUE(intrinsics->known);
+  EXPECT_TRUE(intrinsics->of(ImageId(1)).Validate().ok());
+}
+
 TEST(BuildIntrinsics, SaysWhatTheCalibrationLacks) {
   const auto unknown = BuildIntrinsics(SetOf({"x"}), SizesOf({{1200, 1600}}), CalibrationOf({"a"}));
   ASSERT_FALSE(unknown.ok());

@@ -154,11 +154,14 @@ TEST(AddCalibrationFigures, NothingRegisteredHasNoMeans) {
   EXPECT_FALSE(aligned.poses.summary.mean_position_mm.has_value());
 }
 
-/// The summary when two of four cameras are half a turn off and the pictures gave this verdict.
-PoseSummary JudgedFarOff(const std::string& verdict, std::optional<bool> folded,
-                         double off_deg = 170.0) {
+/// The summary when two of four cameras are off by so much and the pictures gave this verdict.
+PoseSummary JudgedOff(const std::string& verdict, std::optional<bool> folded, double off_deg,
+                      bool wrong_side) {
   Aligned aligned({0, 90, 180, 270});
-  for (const size_t i : {1, 2}) Differ(aligned.alignment.vs_calibration[i], off_deg, 3000.0);
+  for (const size_t i : {1, 2}) {
+    Differ(aligned.alignment.vs_calibration[i], off_deg, 3000.0);
+    aligned.alignment.vs_calibration[i]->wrong_side = wrong_side;
+  }
   aligned.poses.summary.verdict = verdict;
   aligned.poses.summary.verdict_reason = "of the pictures";
   aligned.poses.summary.folded = folded;
@@ -166,28 +169,38 @@ PoseSummary JudgedFarOff(const std::string& verdict, std::optional<bool> folded,
   return aligned.poses.summary;
 }
 
-TEST(AddCalibrationFigures, CamerasFarOffMakeAVerdictWorseAndNeverBetter) {
-  const PoseSummary none = JudgedFarOff("", std::nullopt);
-  EXPECT_EQ(none.folded, true) << "without a verdict the worse is assumed";
-  EXPECT_EQ(none.verdict, "");
-  const PoseSummary sure = JudgedFarOff("sure", false);
-  EXPECT_EQ(sure.verdict, "unsure");
-  EXPECT_EQ(sure.verdict_reason.rfind("2 cameras are far", 0), 0u) << sure.verdict_reason;
-  EXPECT_EQ(sure.folded, false);
-  for (const char* verdict : {"unsure", "folded"}) {
-    const bool folded = verdict == std::string("folded");
-    const PoseSummary kept = JudgedFarOff(verdict, folded);
-    EXPECT_EQ(kept.verdict, verdict);
-    EXPECT_EQ(kept.verdict_reason, "of the pictures");
-    EXPECT_EQ(kept.folded, folded);
+TEST(AddCalibrationFigures, CamerasOnTheWrongSideMakeItFoldedWhateverThePicturesSay) {
+  for (const char* verdict : {"", "sure", "unsure", "folded"}) {
+    const PoseSummary summary = JudgedOff(verdict, std::nullopt, 170.0, true);
+    EXPECT_EQ(summary.verdict, "folded") << verdict;
+    EXPECT_EQ(summary.folded, true) << verdict;
+    EXPECT_EQ(summary.verdict_reason.rfind("2 cameras on the wrong side", 0), 0u)
+        << summary.verdict_reason;
   }
 }
 
-TEST(AddCalibrationFigures, CamerasThatAreMerelyMovedAreNotFarOff) {
-  const PoseSummary sure = JudgedFarOff("sure", false, kFoldedRotation_deg - 0.1);
-  EXPECT_EQ(sure.verdict, "sure");
-  EXPECT_EQ(sure.verdict_reason, "of the pictures");
-  EXPECT_EQ(JudgedFarOff("", std::nullopt, kFoldedRotation_deg - 0.1).folded, false);
+TEST(AddCalibrationFigures, CamerasTurnedInTheirPlacesMakeItUnsureAndNeverBetter) {
+  for (const char* verdict : {"", "sure"}) {
+    const PoseSummary summary = JudgedOff(verdict, std::nullopt, 40.0, false);
+    EXPECT_EQ(summary.verdict, "unsure") << verdict;
+    EXPECT_EQ(summary.verdict_reason.rfind("2 cameras turned far", 0), 0u)
+        << summary.verdict_reason;
+    EXPECT_FALSE(summary.folded.has_value()) << "nothing tells";
+  }
+  const PoseSummary unsure = JudgedOff("unsure", std::nullopt, 40.0, false);
+  EXPECT_EQ(unsure.verdict_reason, "of the pictures");
+  EXPECT_EQ(JudgedOff("folded", true, 40.0, false).verdict, "folded");
+}
+
+TEST(AddCalibrationFigures, CamerasThatAreMerelyMovedChangeNoVerdict) {
+  const double off_deg = kFoldedRotation_deg - 0.1;
+  for (const char* verdict : {"", "sure", "unsure"}) {
+    const PoseSummary summary = JudgedOff(verdict, std::nullopt, off_deg, false);
+    EXPECT_EQ(summary.verdict, verdict);
+    EXPECT_EQ(summary.verdict_reason, "of the pictures");
+    EXPECT_EQ(summary.folded, false) << "the calibration tells";
+  }
+  EXPECT_EQ(JudgedOff("folded", true, off_deg, false).folded, true);
 }
 
 TEST(AddVerdict, TheMarginIsTheEvidenceIfAnythingLooksAlike) {
@@ -201,6 +214,10 @@ TEST(AddVerdict, TheMarginIsTheEvidenceIfAnythingLooksAlike) {
   EXPECT_EQ(poses.summary.verdict_reason, "nothing looks alike");
   EXPECT_FALSE(poses.summary.margin.has_value());
   EXPECT_EQ(poses.summary.folded, false);
+  result.verdict = Verdict::kUnsure;
+  PoseSet unsure;
+  AddVerdict(result, unsure);
+  EXPECT_FALSE(unsure.summary.folded.has_value()) << "nothing tells";
   result.verdict = Verdict::kFolded;
   result.evidence = -3.5;
   AddVerdict(result, poses);

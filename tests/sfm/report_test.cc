@@ -339,7 +339,7 @@ TEST_F(ReportTest, SaysWhichCameraHasMoved) {
   poses_.cameras[3].cam_from_rig.translation += Eigen::Vector3d(0.05, 0, 0.03);
   const std::string html = Build();
   EXPECT_NE(html.find("Camera c03 has moved"), std::string::npos);
-  EXPECT_NE(html.find("c03 by 63.2 mm and 0.610°."), std::string::npos);
+  EXPECT_NE(html.find("c03 by 63.2 ± 0.330 mm and 0.610 ± 0.00430°."), std::string::npos);
   EXPECT_NE(Row(html, 3).find("class=\"bad\""), std::string::npos);
   EXPECT_EQ(Count(Draw(Input()).top, "class=\"before\""), 1u);
   EXPECT_EQ(report::BuildFacts(Input()).rig.level, report::Level::kBad);
@@ -361,6 +361,45 @@ TEST_F(ReportTest, SaysWhichCamerasAreSwapped) {
 
   poses_.cameras[3].vs_calibration = VsCalibration{0.61, 63.2, true};
   EXPECT_EQ(report::BuildFacts(Input()).rig.headline, "Camera c03 has moved, 2 are swapped");
+}
+
+TEST_F(ReportTest, AFoldedModelSaysNothingOfMovedCameras) {
+  poses_.summary.folded = true;
+  poses_.summary.verdict = "folded";
+  for (const size_t i : {1, 4}) {
+    poses_.cameras[i].vs_calibration = VsCalibration{170, 3391, false, std::nullopt, true};
+  }
+  const report::Facts facts = report::BuildFacts(Input());
+  EXPECT_EQ(facts.rig.mark, "Rig not checked");
+  EXPECT_EQ(facts.shot.level, report::Level::kBad);
+  const std::string html = Build();
+  EXPECT_NE(html.find("On the wrong side: c01, c04."), std::string::npos);
+  EXPECT_NE(Row(html, 4).find("on the wrong side"), std::string::npos);
+  EXPECT_EQ(html.find("has moved"), std::string::npos);
+}
+
+TEST_F(ReportTest, UnsureIsNotSaidToBeUnfolded) {
+  poses_.summary.folded.reset();
+  poses_.summary.verdict = "unsure";
+  poses_.summary.verdict_reason = "nothing tells them apart";
+  EXPECT_EQ(report::BuildFacts(Input()).shot.headline, "6 of 6 cameras registered; scale metric");
+}
+
+TEST_F(ReportTest, NamesACameraThatIsFartherOffThanErrorsAre) {
+  const double sigma_mm = poses_.cameras[2].sigma->position_mm;
+  poses_.cameras[2].vs_calibration = VsCalibration{0.01, 3.9 * sigma_mm, false};
+  const report::Facts near = report::BuildFacts(Input());
+  EXPECT_EQ(near.rig.level, report::Level::kGood);
+  ASSERT_FALSE(near.rig.details.empty());
+  EXPECT_NE(near.rig.details[0].find("the farthest off for its own: c02 by 1.25 ± 0.320 mm"),
+            std::string::npos)
+      << near.rig.details[0];
+  poses_.cameras[2].vs_calibration = VsCalibration{0.01, 4.1 * sigma_mm, false};
+  const report::Facts doubtful = report::BuildFacts(Input());
+  EXPECT_EQ(doubtful.rig.level, report::Level::kLook);
+  EXPECT_EQ(doubtful.rig.headline, "No camera is seen to have moved");
+  EXPECT_NE(doubtful.rig.details.back().find("c02."), std::string::npos);
+  EXPECT_EQ(doubtful.cameras[2].level, report::Level::kLook);
 }
 
 TEST_F(ReportTest, VerdictFollowsTheWorstFinding) {

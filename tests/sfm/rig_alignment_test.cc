@@ -102,6 +102,37 @@ TEST(RigAlignment, NamesMovedCamerasAndNoOther) {
   EXPECT_NEAR(aligned->vs_calibration[9]->rotation_deg, 0.5, DegFromRad(5 * kNoise_rad) + 0.02);
 }
 
+TEST(RigAlignment, AFoldedModelHasCamerasOnTheWrongSideAndNoneThatMoved) {
+  Problem problem = MakeProblem();
+  const Eigen::Quaterniond half_turn(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitZ()));
+  const Rigid3 other_side = {half_turn, Eigen::Vector3d::Zero()};
+  constexpr size_t kFolded = 14;  // the last ones are laid over the side opposite to theirs
+  for (size_t i = kCameras - kFolded; i < kCameras; ++i) {
+    problem.reconstruction.cam_from_model[i] =
+        TransformPose(kModelFromRig, problem.calibration.cameras[i].cam_from_rig * other_side);
+  }
+  problem.reconstruction.cam_from_model[4]->translation.x() += 0.020 * kModelFromRig.scale;
+  const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
+                                          problem.covariances, kSeed);
+  ASSERT_TRUE(aligned.ok()) << aligned.error().ToString();
+  for (size_t i = 0; i < kCameras; ++i) {
+    EXPECT_EQ(aligned->vs_calibration[i]->wrong_side, i >= kCameras - kFolded) << i;
+    EXPECT_FALSE(aligned->vs_calibration[i]->moved) << i;
+  }
+}
+
+TEST(RigAlignment, ACameraThatCameLooseIsNotOnTheWrongSide) {
+  Problem problem = MakeProblem();
+  Rigid3& loose = *problem.reconstruction.cam_from_model[4];
+  const Eigen::Quaterniond quarter_turn(Eigen::AngleAxisd(kPi / 2, Eigen::Vector3d::UnitX()));
+  loose = Rigid3{quarter_turn, Eigen::Vector3d(0.1 * kModelFromRig.scale, 0, 0)} * loose;
+  const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
+                                          problem.covariances, kSeed);
+  ASSERT_TRUE(aligned.ok()) << aligned.error().ToString();
+  EXPECT_TRUE(aligned->vs_calibration[4]->moved);
+  EXPECT_FALSE(aligned->vs_calibration[4]->wrong_side);
+}
+
 /// As when the calibration knows cameras under each other's names: entry i is that of `from`. Their
 /// lenses, too, are each other's, which shifts the poses found (1 cm, 0.3 deg).
 void TakeEntries(Problem& problem, const std::vector<std::pair<size_t, size_t>>& from) {

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
@@ -123,7 +124,7 @@ const std::vector<Row>& Rows() {
          fs::resize_file(picture, fs::file_size(picture) / 2);
          return Arguments{set};
        },
-       {".png", "cut short"}},
+       {".png", "cut short", "\"status\" in frameset.json"}},
       {"NotAPicture",
        [](Folder, Folder set) {
          WriteText(FirstPicture(set), "this is text");
@@ -183,7 +184,7 @@ const std::vector<Row>& Rows() {
          WriteText(folder / "poor.json", json.dump());
          return Arguments{set, "--calibration", folder / "poor.json"};
        },
-       {"c00r", "calibration"}},
+       {"c00r", "calibration", "\"status\" in frameset.json"}},
       {"CalibrationAtAnotherSize",
        [](Folder folder, Folder set) {
          nlohmann::ordered_json json = ReadJson(set / "calibration.json");
@@ -372,6 +373,19 @@ TEST(WrongUsage, EveryRowExitsWithTwo) {
     arguments.insert(arguments.end(), row.begin(), row.end());
     SCOPED_TRACE(testing::PrintToString(row));
     ExpectOneError(RunProcess(arguments), 2, {});
+  }
+}
+
+TEST(WrongUsage, NamesTheWordThatIsNotKnown) {
+  const std::map<std::string, std::vector<std::string>> rows = {
+      {"'reconstrct'", {"reconstrct", "somewhere", "--out", "x"}},
+      {"'--ot'", {"reconstruct", "somewhere", "--ot", "x"}},
+      {"'--thruth'", {"evaluate", "poses.json", "--thruth", "truth.json"}},
+  };
+  for (const auto& [word, row] : rows) {
+    std::vector<std::string> arguments = {ROTUNDA_COMMAND};
+    arguments.insert(arguments.end(), row.begin(), row.end());
+    ExpectOneError(RunProcess(arguments), 2, {word + " is not known"});
   }
 }
 

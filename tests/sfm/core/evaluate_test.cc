@@ -97,6 +97,19 @@ TEST(EvaluatePoses, MeasuresATurnedCamera) {
   EXPECT_TRUE(EvaluatePoses(poses, truth)->folded);
 }
 
+TEST(EvaluatePoses, NamesCamerasThatTheTruthLacks) {
+  Calibration truth = Ring(12);
+  const PoseSet poses = PosesOf(truth, Somewhere(0.5));
+  const std::string lacking = truth.cameras[3].camera;
+  EXPECT_TRUE(EvaluatePoses(poses, truth)->not_in_truth.empty());
+  truth.cameras.erase(truth.cameras.begin() + 3);
+  const auto evaluation = EvaluatePoses(poses, truth);
+  ASSERT_TRUE(evaluation.ok()) << evaluation.error().ToString();
+  EXPECT_EQ(evaluation->registered, 12u);
+  EXPECT_EQ(evaluation->not_in_truth, std::vector<std::string>{lacking});
+  EXPECT_NE(EvaluationToJson(*evaluation).find("not_in_truth"), std::string::npos);
+}
+
 TEST(EvaluatePoses, MeasuresAMovedCameraInMillimetres) {
   // Of many cameras one moves by 1 mm: the fit follows it by about 1 mm / 90.
   const Calibration truth = Ring(90);

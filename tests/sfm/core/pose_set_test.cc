@@ -80,6 +80,17 @@ TEST(PoseSet, KeepsWhosePlaceASwappedCameraHas) {
   EXPECT_EQ(PoseSetToJson(*read), text);
 }
 
+TEST(PoseSet, KeepsThatACameraIsOnTheWrongSide) {
+  PoseSet poses = MakePoses();
+  EXPECT_EQ(PoseSetToJson(poses).find("wrong_side"), std::string::npos);
+  poses.cameras[0].vs_calibration->wrong_side = true;
+  const std::string text = PoseSetToJson(poses);
+  const auto read = PoseSetFromJson(text, "text");
+  ASSERT_TRUE(read.ok()) << read.error().ToString();
+  EXPECT_TRUE(read->cameras[0].vs_calibration->wrong_side);
+  EXPECT_EQ(PoseSetToJson(*read), text);
+}
+
 TEST(PoseSet, GivesTheCentreInMillimetres) {
   const json text = json::parse(PoseSetToJson(MakePoses()));
   const Eigen::Vector3d centre = MakePoses().cameras[0].cam_from_rig.OriginInSource();
