@@ -69,8 +69,9 @@ Json ToJson(const ReconstructionRecord& reconstruction) {
                  {"rms_px", reconstruction.rms_px},
                  {"verdict", reconstruction.verdict},
                  {"verdict_reason", reconstruction.verdict_reason},
-                 {"folded", reconstruction.folded},
                  {"used_for_drift", reconstruction.used_for_drift}};
+  if (reconstruction.verdict == "sure" || reconstruction.verdict == "folded")
+    object["folded"] = reconstruction.folded;
   AddIfKnown(object, "calibration", reconstruction.calibration);
   AddIfKnown(object, "mean_rotation_deg", reconstruction.mean_rotation_deg);
   AddIfKnown(object, "mean_position_mm", reconstruction.mean_position_mm);

@@ -37,8 +37,8 @@ Result<Intrinsics> FromCalibration(const FrameSet& set, const Features& features
           "camera '" + camera + "'"};
     }
     const CameraIntrinsics lens = calibrated ? calibrated->intrinsics : GuessedLens(image);
-    const bool size_known = image.width_px > 0 && image.height_px > 0;
-    if (size_known && (lens.width_px != image.width_px || lens.height_px != image.height_px)) {
+    const bool used = set.frames[i].status == "ok" && image.width_px > 0 && image.height_px > 0;
+    if (used && (lens.width_px != image.width_px || lens.height_px != image.height_px)) {
       return Error{ErrorCode::kBadInput,
                    "the picture is " + SizeText(image.width_px, image.height_px) +
                        ", the calibration '" + calibration.id + "' was made at " +

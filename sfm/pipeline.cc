@@ -107,11 +107,11 @@ Result<Tracks> MakeTracks(const Run& run, const FrontEnd& front) {
       [&](const Tracks& made) { return WriteTracks(made, run.File("tracks.bin")); });
 }
 
-/// Features read from the stages are of this set: as many pictures, of its sizes.
+/// Features that were made before are of this set: as many pictures, of its sizes, none of frames
+/// that are left out.
 Status CheckFeatures(const FrameSet& set, const Features& features) {
   const auto other = [&](const std::string& what) {
-    return Error{ErrorCode::kBadInput,
-                 "the features of the stages are of another frame set: " + what,
+    return Error{ErrorCode::kBadInput, "the features at hand are of another frame set: " + what,
                  set.folder.string()};
   };
   if (features.images.size() != set.frames.size()) {
@@ -121,7 +121,11 @@ Status CheckFeatures(const FrameSet& set, const Features& features) {
   for (size_t i = 0; i < set.frames.size(); ++i) {
     const Frame& frame = set.frames[i];
     const ImageFeatures& image = features.images[i];
-    if (frame.width_px == 0 || frame.status != "ok") continue;
+    if (frame.status != "ok") {
+      if (image.keypoints.empty()) continue;
+      return other(frame.camera + " has keypoints, though its frame is " + frame.status + " now");
+    }
+    if (frame.width_px == 0) continue;
     if (image.width_px != frame.width_px || image.height_px != frame.height_px) {
       return other("the size of " + frame.camera + "'s picture differs");
     }
@@ -151,8 +155,8 @@ Result<FrontEnd> RunFrontEnd(const Run& run) {
     ROTUNDA_ASSIGN_OR_RETURN(matches, TakeDatabase(run, front.features));
   } else {
     ROTUNDA_ASSIGN_OR_RETURN(front.features, MakeFeatures(run));
-    ROTUNDA_RETURN_IF_ERROR(CheckFeatures(run.set, front.features));
   }
+  ROTUNDA_RETURN_IF_ERROR(CheckFeatures(run.set, front.features));
   ROTUNDA_ASSIGN_OR_RETURN(front.intrinsics,
                            BuildIntrinsics(run.set, front.features, run.calibration));
   if (!run.options.database) {
@@ -289,7 +293,7 @@ void NoteDoubtfulSides(const FrameSet& set, const TcSfmResult& result,
 
 /// Calibrated cameras that the set does not list: nobody would miss them otherwise.
 void NoteAbsentCameras(const Run& run, std::vector<std::string>& notes) {
-  constexpr size_t kNamed = 6;
+  constexpr size_t kNamed = 6;  // the report lists as many
   if (!run.calibration) return;
   std::set<std::string> present;
   for (const Frame& frame : run.set.frames) present.insert(frame.camera);

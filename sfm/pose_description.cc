@@ -17,25 +17,49 @@ std::string SideOf(const Rigid3& cam_from_rig) {
   return azimuth_deg > 0 ? "left" : "right";
 }
 
-std::string Counted(size_t cameras, const char* rest) {
-  return std::to_string(cameras) + (cameras == 1 ? " camera " : " cameras ") + rest;
+/// A fold takes cameras along in numbers; one or two may have been mounted elsewhere.
+constexpr size_t kFewestFolded = 3;
+
+/// Cameras, swapped ones apart, that are not near their calibrated places.
+struct FarOff {
+  size_t cameras = 0;            // turned by more than kFoldedRotation_deg, or far away
+  std::vector<size_t> opposite;  // both
+};
+
+FarOff FindFarOff(const RigAlignment& alignment) {
+  FarOff far_off;
+  for (size_t i = 0; i < alignment.vs_calibration.size(); ++i) {
+    const std::optional<VsCalibration>& off = alignment.vs_calibration[i];
+    if (!off || off->swapped_with) continue;
+    const bool turned = off->rotation_deg > kFoldedRotation_deg;
+    const bool away = off->position_mm > alignment.far_mm;
+    far_off.cameras += turned || away;
+    if (turned && away) far_off.opposite.push_back(i);
+  }
+  return far_off;
 }
 
-/// What the calibration says of the verdict of the pictures: it makes it worse, never better.
-void JudgeFarOff(size_t wrong_side, size_t turned, PoseSummary& summary) {
-  if (wrong_side > 0) {
+/// What the calibration says of the verdict of the pictures: it makes it worse, never better. A
+/// sure verdict is not overruled: then cameras or the calibration may be others.
+void JudgeFarOff(const FarOff& far_off, PoseSummary& summary) {
+  const std::string sure = VerdictName(Verdict::kSure);
+  if (far_off.opposite.size() >= kFewestFolded && summary.verdict != sure) {
     summary.folded = true;
+    summary.margin.reset();
     summary.verdict = VerdictName(Verdict::kFolded);
-    summary.verdict_reason =
-        Counted(wrong_side, "on the wrong side: far from where the calibration has them");
-    return;
-  }
-  if (turned > 0 && (summary.verdict.empty() || summary.verdict == VerdictName(Verdict::kSure))) {
+    summary.verdict_reason = std::to_string(far_off.opposite.size()) +
+                             " cameras are on the wrong side, far from where the calibration has "
+                             "them";
+  } else if (far_off.cameras == 0) {
+    if (!summary.folded) summary.folded = false;
+  } else if (summary.verdict.empty() || summary.verdict == sure) {
+    summary.folded.reset();
     summary.verdict = VerdictName(Verdict::kUnsure);
     summary.verdict_reason =
-        Counted(turned, "turned far from where the calibration has them: moved, or folded");
+        std::to_string(far_off.cameras) +
+        " cameras are far from where the calibration has them: mounted elsewhere, calibrated "
+        "otherwise, or on the wrong side";
   }
-  if (turned == 0 && !summary.folded) summary.folded = false;
 }
 
 }  // namespace
@@ -73,7 +97,10 @@ PoseSet DescribePoses(const FrameSet& set, const IncrementalResult& models,
   }
   for (size_t i = 0; i < set.frames.size(); ++i) {
     const std::string& status = set.frames[i].status;
-    if (status != "ok") poses.cameras[i].reason = "no usable picture: the frame is " + status;
+    CameraPose& pose = poses.cameras[i];
+    if (status != "ok" && !pose.registered) {
+      pose.reason = "no usable picture: the frame is " + status;
+    }
   }
   return poses;
 }
@@ -90,21 +117,29 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
                            PoseSet& poses) {
   poses.metric = true;
   poses.aligned_to = calibration.id;
+  const FarOff far_off = FindFarOff(alignment);
+  JudgeFarOff(far_off, poses.summary);
+  const bool folded = poses.summary.folded.value_or(false);
   double rotation_sum_deg = 0, position_sum_mm = 0;
-  size_t compared = 0, wrong_side = 0, turned = 0;
+  size_t compared = 0;
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
     CameraPose& pose = poses.cameras[i];
     if (!pose.registered) continue;
     pose.side = SideOf(pose.cam_from_rig);
     pose.vs_calibration = alignment.vs_calibration[i];
-    if (!pose.vs_calibration || pose.vs_calibration->swapped_with) continue;
-    wrong_side += pose.vs_calibration->wrong_side;
-    turned += pose.vs_calibration->rotation_deg > kFoldedRotation_deg;
+    if (!pose.vs_calibration) continue;
+    if (folded) pose.vs_calibration->moved = false;
+    if (pose.vs_calibration->swapped_with) continue;
     rotation_sum_deg += pose.vs_calibration->rotation_deg;
     position_sum_mm += pose.vs_calibration->position_mm;
     ++compared;
   }
-  JudgeFarOff(wrong_side, turned, poses.summary);
+  if (folded) {
+    for (const size_t i : far_off.opposite) {
+      auto& off = poses.cameras[i].vs_calibration;
+      if (off) off->wrong_side = true;
+    }
+  }
   if (compared == 0) return;
   poses.summary.mean_rotation_deg = rotation_sum_deg / static_cast<double>(compared);
   poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);

@@ -23,7 +23,10 @@ PoseSet DescribePoses(const FrameSet& set, const IncrementalResult& models,
 /// errors into the poses that the covariance does not see.
 void AddSigmas(const PoseCovariances& covariances, const Intrinsics& intrinsics, PoseSet& poses);
 
-/// Sides of the cameras and how far they are from the calibration; the poses are in its frame.
+/// Sides of the cameras and how far they are from the calibration; the poses are in its frame. When
+/// three cameras or more are both turned and far away and the pictures were not sure, the verdict
+/// becomes "folded"; any camera that is one of the two makes "sure", or no verdict, "unsure". Comes
+/// after AddVerdict.
 void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& calibration,
                            PoseSet& poses);
 

@@ -120,11 +120,12 @@ std::string StateLegend(const ReportInput& input, const Facts& facts) {
   const auto entry = [](const std::string& mark, const std::string& text) {
     return "<span><i " + mark + "></i>" + text + "</span>";
   };
-  bool look = false, moved = false, swapped = false, missing = false;
+  bool look = false, moved = false, swapped = false, wrong_side = false, missing = false;
   for (size_t i = 0; i < facts.cameras.size(); ++i) {
     look = look || facts.cameras[i].level == Level::kLook;
     moved = moved || facts.cameras[i].moved;
     swapped = swapped || facts.cameras[i].swapped;
+    wrong_side = wrong_side || facts.cameras[i].wrong_side;
     missing = missing || !input.poses.cameras[i].registered;
   }
   std::string html = "<div class=\"legend state\" data-for=\"state\">" +
@@ -134,6 +135,7 @@ std::string StateLegend(const ReportInput& input, const Facts& facts) {
     html += entry("style=\"--c:var(--bad)\"", "moved (dashed: where the calibration has it)");
   }
   if (swapped) html += entry("style=\"--c:var(--bad)\"", "swapped with another camera");
+  if (wrong_side) html += entry("style=\"--c:var(--bad)\"", "on the wrong side");
   if (missing && input.poses.aligned_to) {
     html += entry("class=\"hollow\"", "not registered, drawn where the calibration has it");
   }
@@ -280,8 +282,8 @@ std::string StripHtml(const ReportInput& input, const Facts& facts,
 std::string PicturesHtml(const ReportInput& input, const Facts& facts,
                          const std::vector<Thumbnail>& thumbnails) {
   std::string html =
-      "<section><div class=\"head\"><h2>Pictures</h2><p>red: not registered, moved or swapped; a "
-      "click leads to the camera's row</p></div>" +
+      "<section><div class=\"head\"><h2>Pictures</h2><p>red: not registered, moved, swapped or "
+      "on the wrong side; a click leads to the camera's row</p></div>" +
       StripHtml(input, facts, thumbnails, &Thumbnail::jpeg) + "</section>\n";
   if (!input.segments) return html;
   return html +

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <set>
 
 #include "sfm/core/html_text.h"
 
@@ -20,8 +21,8 @@ constexpr double kFewObservationsShare = 0.25;
 constexpr double kUsableShare = 0.8;
 /// Keypoints are localised to well under a pixel; more means blur, a wrong lens or wrong matches.
 constexpr double kHighRms_px = 2.0;
-/// A camera farther off the calibration than this many of its sigmas is named: of 90 cameras in
-/// place one in a hundred shots shows one.
+/// A camera farther off the calibration than this many of its sigmas is named; where a single
+/// direction holds the error, 90 cameras in place show one in a hundred shots.
 constexpr double kLookSigmas = 4.0;
 /// Names are listed up to here, then counted.
 constexpr size_t kNamesListed = 6;
@@ -158,21 +159,16 @@ void NoteFewObservations(const Quantity& quantity, std::vector<CameraFacts>& cam
   }
 }
 
-/// "15.2 ± 2.1 mm and 0.310 ± 0.050°".
-std::string Displacement(const CameraPose& pose) {
-  const VsCalibration& drift = *pose.vs_calibration;
-  const auto text = [&](double value, double PoseSigma::*sigma) {
-    return Significant(value) + (pose.sigma ? " ± " + Significant(pose.sigma->*sigma) : "");
-  };
-  return text(drift.position_mm, &PoseSigma::position_mm) + " mm and " +
-         text(drift.rotation_deg, &PoseSigma::rotation_deg) + "°";
+/// "15.2 mm and 0.310° (8.2 sigmas)".
+std::string Displacement(const VsCalibration& off) {
+  return Significant(off.position_mm) + " mm and " + Significant(off.rotation_deg) + "° (" +
+         Fixed(off.sigmas, 1) + " sigmas)";
 }
 
-/// How many of its own sigmas a camera is off the calibration; 0 when that is not known.
-double SigmasOff(const CameraPose& pose) {
-  if (!pose.registered || !pose.vs_calibration || !pose.sigma) return 0;
-  return std::max(pose.vs_calibration->position_mm / pose.sigma->position_mm,
-                  pose.vs_calibration->rotation_deg / pose.sigma->rotation_deg);
+/// Off the calibration by more than errors usually are.
+bool IsDoubtful(const CameraPose& pose) {
+  return pose.registered && pose.vs_calibration && !pose.vs_calibration->moved &&
+         !pose.vs_calibration->swapped_with && pose.vs_calibration->sigmas > kLookSigmas;
 }
 
 std::string InPlaceOf(const CameraPose& pose) {
@@ -191,10 +187,11 @@ std::vector<CameraFacts> BuildCameraFacts(const ReportInput& input, const Facts&
       Raise(cameras[i], Level::kBad, "not registered: " + ReasonOf(pose));
     } else if (pose.vs_calibration && pose.vs_calibration->moved) {
       cameras[i].moved = true;
-      Raise(cameras[i], Level::kBad, "moved by " + Displacement(pose));
+      Raise(cameras[i], Level::kBad, "moved by " + Displacement(*pose.vs_calibration));
     } else if (pose.vs_calibration && pose.vs_calibration->wrong_side) {
+      cameras[i].wrong_side = true;
       Raise(cameras[i], Level::kBad,
-            "on the wrong side: off the calibration by " + Displacement(pose));
+            "on the wrong side: off the calibration by " + Displacement(*pose.vs_calibration));
     } else if (pose.vs_calibration && pose.vs_calibration->swapped_with) {
       cameras[i].swapped = true;
       Raise(cameras[i], Level::kBad, "swapped: " + InPlaceOf(pose));
@@ -255,20 +252,23 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
     say(Level::kBad,
         "The model is folded: look-alike sides of the subject were laid on one another. Do not "
         "use these poses.");
-    const auto wrong = NamesWhere(poses, [&](size_t i) {
-      return poses.cameras[i].vs_calibration && poses.cameras[i].vs_calibration->wrong_side;
-    });
+    const auto wrong = NamesWhere(poses, [&](size_t i) { return cameras[i].wrong_side; });
     if (!wrong.empty()) verdict.details.push_back("On the wrong side: " + Listed(wrong) + ".");
   }
   if (summary.verdict == "unsure") say(Level::kBad, "Unsure: " + summary.verdict_reason + ".");
   if (summary.verdict == "sure" && summary.margin) {
     verdict.details.push_back(LookAlikesToldApart(summary));
   }
-  if (std::none_of(poses.cameras.begin(), poses.cameras.end(),
-                   [](const CameraPose& pose) { return pose.sigma.has_value(); })) {
+  const bool no_sigmas =
+      std::none_of(poses.cameras.begin(), poses.cameras.end(),
+                   [](const CameraPose& pose) { return pose.sigma.has_value(); });
+  if (no_sigmas) {
+    say(Level::kLook, "Accuracy not known: without calibrated lenses there are no uncertainties.");
+  }
+  if (summary.verdict.empty() && !summary.folded) {
     say(Level::kLook,
-        "Accuracy not known: without calibrated lenses there are no uncertainties. The verdict is "
-        "only about what looks alike.");
+        "Not judged: this method does not look for look-alike sides, and there is no calibration "
+        "to tell.");
   }
   if (summary.models > 1) {
     say(Level::kLook, "The reconstruction broke into " + std::to_string(summary.models) +
@@ -319,19 +319,18 @@ std::vector<std::string> ChangeDetails(const PoseSet& poses,
     if (!cameras[i].moved && !cameras[i].swapped) continue;
     if (++changed > kNamesListed) continue;
     const CameraPose& pose = poses.cameras[i];
-    details.push_back(pose.camera + " " +
-                      (cameras[i].swapped ? InPlaceOf(pose) : "by " + Displacement(pose)) + ".");
+    details.push_back(
+        pose.camera + " " +
+        (cameras[i].swapped ? InPlaceOf(pose) : "by " + Displacement(*pose.vs_calibration)) + ".");
   }
   if (changed > kNamesListed) details.push_back("The table names all of them.");
   return details;
 }
 
-/// Names the cameras that are farther off than errors are, though not so far that they must have
-/// moved.
-void AddDoubtful(const PoseSet& poses, const std::vector<CameraFacts>& cameras, Verdict& verdict) {
-  const auto doubtful = NamesWhere(poses, [&](size_t i) {
-    return !cameras[i].moved && !cameras[i].swapped && SigmasOff(poses.cameras[i]) > kLookSigmas;
-  });
+/// Names the cameras that are farther off than errors usually are, though not so far that they must
+/// have moved.
+void AddDoubtful(const PoseSet& poses, Verdict& verdict) {
+  const auto doubtful = NamesWhere(poses, [&](size_t i) { return IsDoubtful(poses.cameras[i]); });
   if (doubtful.empty()) return;
   if (verdict.level == Level::kGood) {
     verdict.level = Level::kLook;
@@ -343,19 +342,36 @@ void AddDoubtful(const PoseSet& poses, const std::vector<CameraFacts>& cameras, 
                             ".");
 }
 
-/// "All 90 cameras stand where the calibration says; the farthest for its sigma: c04 by ...".
-std::string InPlace(const PoseSet& poses, size_t checked) {
-  std::string text = "All " + std::to_string(checked) + " cameras stand where the calibration says";
-  const auto farthest = std::max_element(
-      poses.cameras.begin(), poses.cameras.end(),
-      [](const CameraPose& a, const CameraPose& b) { return SigmasOff(a) < SigmasOff(b); });
-  if (SigmasOff(*farthest) == 0) return text + ".";
-  return text +
-         ", as far as their uncertainties tell; the farthest off for its own: " + farthest->camera +
-         " by " + Displacement(*farthest) + ".";
+/// Calibrated cameras of which there is no frame: nobody would miss them otherwise.
+void AddAbsent(const ReportInput& input, Verdict& verdict) {
+  std::set<std::string> present;
+  for (const CameraPose& pose : input.poses.cameras) present.insert(pose.camera);
+  std::vector<std::string> absent;
+  for (const CalibratedCamera& camera : input.calibration->cameras) {
+    if (!present.contains(camera.camera)) absent.push_back(camera.camera);
+  }
+  if (absent.empty()) return;
+  verdict.level = std::max(verdict.level, Level::kLook);
+  if (verdict.mark == "Rig in place") verdict.mark = "Rig partly checked";
+  verdict.details.push_back("Calibrated, but not in this frame set: " + Listed(absent) + ".");
 }
 
-Verdict BuildRigVerdict(const PoseSet& poses, const std::vector<CameraFacts>& cameras) {
+/// "All 90 cameras stand where the calibration says; the farthest off, in sigmas: c04 by ...".
+std::string InPlace(const PoseSet& poses, size_t checked) {
+  const auto sigmas = [](const CameraPose& pose) {
+    return pose.vs_calibration ? pose.vs_calibration->sigmas : 0;
+  };
+  const auto farthest = std::max_element(
+      poses.cameras.begin(), poses.cameras.end(),
+      [&](const CameraPose& a, const CameraPose& b) { return sigmas(a) < sigmas(b); });
+  return "All " + std::to_string(checked) +
+         " cameras stand where the calibration says, as far as their uncertainties tell; the "
+         "farthest off, in sigmas: " +
+         farthest->camera + " by " + Displacement(*farthest->vs_calibration) + ".";
+}
+
+Verdict BuildRigVerdict(const ReportInput& input, const std::vector<CameraFacts>& cameras) {
+  const PoseSet& poses = input.poses;
   const auto checked = NamesWhere(poses, [&](size_t i) {
     return poses.cameras[i].registered && poses.cameras[i].vs_calibration.has_value();
   });
@@ -390,7 +406,8 @@ Verdict BuildRigVerdict(const PoseSet& poses, const std::vector<CameraFacts>& ca
   } else if (!changed) {
     verdict.details.push_back(InPlace(poses, checked.size()));
   }
-  AddDoubtful(poses, cameras, verdict);
+  AddDoubtful(poses, verdict);
+  if (input.calibration) AddAbsent(input, verdict);
   return verdict;
 }
 
@@ -426,7 +443,7 @@ Facts BuildFacts(const ReportInput& input) {
   facts.quantities = BuildQuantities(input.poses);
   facts.cameras = BuildCameraFacts(input, facts);
   facts.shot = BuildShotVerdict(input.poses, facts.cameras);
-  facts.rig = BuildRigVerdict(input.poses, facts.cameras);
+  facts.rig = BuildRigVerdict(input, facts.cameras);
   for (const CameraPose& pose : input.poses.cameras) {
     if (pose.registered) facts.observations += pose.observations;
     facts.has_sides = facts.has_sides || !pose.side.empty();

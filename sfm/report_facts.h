@@ -33,6 +33,7 @@ struct CameraFacts {
   Level level = Level::kGood;
   bool moved = false;
   bool swapped = false;
+  bool wrong_side = false;
   std::vector<std::string> notes;  // plain text, why the level is not good
 };
 

@@ -12,13 +12,14 @@
 namespace rotunda::sfm {
 namespace {
 
+constexpr double kMovedSigmas = 6.0;
 /// A camera stands in a place of the calibration when every other place is farther by this factor.
 /// Poses of swapped cameras are worse than others: their lenses are each other's, too (half a per
 /// cent of the focal length is 1 cm at 2 m).
 constexpr double kFartherFactor = 5.0;
-/// A camera of a fold lands at least some columns away. One that came loose stays on its mount: it
-/// may turn by any angle, but not go away by this share of the rig's radius.
-constexpr double kWrongSideShare = 0.25;
+/// A camera that came loose stays near its mount: it may turn by any angle, but does not go away by
+/// this share of the rig's radius. A camera of a fold lands at least some columns away.
+constexpr double kFarShare = 0.25;
 
 VsCalibration Compare(const Rigid3& cam_from_rig, const Rigid3& calibrated_cam_from_rig) {
   VsCalibration difference;
@@ -29,7 +30,20 @@ VsCalibration Compare(const Rigid3& cam_from_rig, const Rigid3& calibrated_cam_f
   return difference;
 }
 
-void MarkMoved(const PoseCovariances& metric_covariances,
+/// Of the difference of two independent estimates of a pose.
+PoseSigma SigmaOfDifference(const std::optional<PoseCovariance>& covariance,
+                            const std::optional<PoseSigma>& calibrated) {
+  PoseSigma sigma;
+  if (covariance) sigma = SigmaOf(*covariance);
+  if (!calibrated) return sigma;
+  sigma.rotation_deg = std::hypot(sigma.rotation_deg, calibrated->rotation_deg);
+  sigma.position_mm = std::hypot(sigma.position_mm, calibrated->position_mm);
+  return sigma;
+}
+
+double InSigmas(double value, double sigma) { return sigma > 0 ? value / sigma : 0; }
+
+void MarkMoved(const std::vector<PoseSigma>& sigmas,
                std::vector<std::optional<VsCalibration>>& differences) {
   std::vector<double> rotations_deg, positions_mm;
   for (const auto& difference : differences) {
@@ -37,17 +51,14 @@ void MarkMoved(const PoseCovariances& metric_covariances,
     rotations_deg.push_back(difference->rotation_deg);
     positions_mm.push_back(difference->position_mm);
   }
-  const double rotation_sigma_deg = kSigmaFromMedian * Median(rotations_deg);
-  const double position_sigma_mm = kSigmaFromMedian * Median(positions_mm);
+  const double spread_deg = kSigmaFromMedian * Median(rotations_deg);
+  const double spread_mm = kSigmaFromMedian * Median(positions_mm);
   for (size_t i = 0; i < differences.size(); ++i) {
     if (!differences[i]) continue;
-    PoseSigma predicted;
-    if (metric_covariances.images[i]) predicted = SigmaOf(*metric_covariances.images[i]);
-    differences[i]->moved =
-        differences[i]->rotation_deg >
-            kMovedSigmas * std::max(rotation_sigma_deg, predicted.rotation_deg) ||
-        differences[i]->position_mm >
-            kMovedSigmas * std::max(position_sigma_mm, predicted.position_mm);
+    VsCalibration& off = *differences[i];
+    off.sigmas = std::max(InSigmas(off.rotation_deg, std::max(spread_deg, sigmas[i].rotation_deg)),
+                          InSigmas(off.position_mm, std::max(spread_mm, sigmas[i].position_mm)));
+    off.moved = off.sigmas > kMovedSigmas;
   }
 }
 
@@ -111,22 +122,6 @@ void MarkSwapped(const std::vector<std::optional<Rigid3>>& cam_from_rig, const F
   }
 }
 
-void MarkWrongSide(const Calibration& calibration,
-                   std::vector<std::optional<VsCalibration>>& differences) {
-  const double far_mm = 1e3 * kWrongSideShare * RigRadius_m(calibration);
-  bool folded = false;
-  for (auto& difference : differences) {
-    if (!difference || difference->swapped_with) continue;
-    difference->wrong_side =
-        difference->rotation_deg > kFoldedRotation_deg && difference->position_mm > far_mm;
-    folded = folded || difference->wrong_side;
-  }
-  if (!folded) return;
-  for (auto& difference : differences) {
-    if (difference) difference->moved = false;
-  }
-}
-
 }  // namespace
 
 Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, const FrameSet& set,
@@ -145,15 +140,18 @@ Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, co
   RigAlignment alignment{fit.target_from_source, {}};
   alignment.vs_calibration.resize(set.frames.size());
   std::vector<std::optional<Rigid3>> cam_from_rig(set.frames.size());
+  const PoseCovariances metric = Transformed(covariances, fit.target_from_source);
+  std::vector<PoseSigma> sigmas(set.frames.size());
   for (size_t i = 0; i < set.frames.size(); ++i) {
     const CalibratedCamera* camera = calibration.Find(set.frames[i].camera);
     if (!reconstruction.cam_from_model[i] || camera == nullptr) continue;
     cam_from_rig[i] = TransformPose(fit.target_from_source, *reconstruction.cam_from_model[i]);
     alignment.vs_calibration[i] = Compare(*cam_from_rig[i], camera->cam_from_rig);
+    sigmas[i] = SigmaOfDifference(metric.images[i], camera->sigma);
   }
-  MarkMoved(Transformed(covariances, fit.target_from_source), alignment.vs_calibration);
+  MarkMoved(sigmas, alignment.vs_calibration);
   MarkSwapped(cam_from_rig, set, calibration, alignment.vs_calibration);
-  MarkWrongSide(calibration, alignment.vs_calibration);
+  alignment.far_mm = 1e3 * kFarShare * RigRadius_m(calibration);
   return alignment;
 }
 

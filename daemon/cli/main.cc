@@ -31,6 +31,21 @@ void AddSeed(CLI::App* command, uint64_t& seed, const std::string& help) {
   command->add_option("--seed", seed, help)->check(whole)->capture_default_str();
 }
 
+namespace {
+
+/// What is said to be lacking may be there, misspelt: then that is what to name.
+std::string NameUnknownWord(const CLI::App& app, const CLI::ParseError& wrong) {
+  const bool names_it = dynamic_cast<const CLI::ExtrasError*>(&wrong) != nullptr;
+  const bool no_command = app.get_subcommands().empty();
+  for (const std::string& word : app.remaining(/*recurse=*/true)) {
+    if (names_it || word == "--") break;
+    if (no_command || word.starts_with('-')) return "'" + word + "' is not known";
+  }
+  return wrong.what();
+}
+
+}  // namespace
+
 int Main(int argc, char** argv) {
   const InterruptWatch interrupt;
   CommonOptions common;
@@ -59,9 +74,7 @@ int Main(int argc, char** argv) {
   } catch (const CLI::Success& help) {
     return app.exit(help);
   } catch (const CLI::ParseError& wrong) {
-    // What is lacking may be there, misspelt: that is what to name.
-    const std::vector<std::string> unknown = app.remaining(/*recurse=*/true);
-    const std::string what = unknown.empty() ? wrong.what() : "'" + unknown[0] + "' is not known";
+    const std::string what = NameUnknownWord(app, wrong);
     std::fprintf(stderr, "rotunda: %s (see --help)\n", what.c_str());
     return kWrongUsage;
   }

@@ -75,6 +75,7 @@ void PrintJson(const ReconstructArguments& arguments, const sfm::PipelineResult&
                                          {"points", summary.points},
                                          {"models", summary.models},
                                          {"verdict", summary.verdict},
+                                         {"verdict_reason", summary.verdict_reason},
                                          {"mean_reprojection_px", summary.mean_reprojection_px},
                                          {"rms_px", summary.rms_px},
                                          {"notes", reconstruction.notes},
@@ -82,26 +83,19 @@ void PrintJson(const ReconstructArguments& arguments, const sfm::PipelineResult&
   std::printf("%s\n", result.dump(1).c_str());
 }
 
-void PrintVerdict(const PoseSet& poses) {
-  const PoseSummary& summary = poses.summary;
+void PrintVerdict(const PoseSummary& summary) {
   if (!summary.verdict.empty()) {
     std::printf("Verdict: %s: %s\n", summary.verdict.c_str(), summary.verdict_reason.c_str());
   } else {
-    std::printf("Verdict: none: --method %s does not look for look-alike sides%s\n",
-                poses.method.c_str(),
-                summary.folded ? "; all cameras are near their calibrated places" : "");
+    std::printf("Verdict: none: this method does not judge its result%s\n",
+                summary.folded ? "; every camera is near its calibrated place" : "");
   }
 }
 
-std::string Displacement(const CameraPose& pose) {
+std::string Displacement(const VsCalibration& off) {
   char text[128];
-  const VsCalibration& off = *pose.vs_calibration;
-  if (pose.sigma) {
-    std::snprintf(text, sizeof text, "%.2f +- %.2f mm, %.3f +- %.3f deg", off.position_mm,
-                  pose.sigma->position_mm, off.rotation_deg, pose.sigma->rotation_deg);
-  } else {
-    std::snprintf(text, sizeof text, "%.2f mm, %.3f deg", off.position_mm, off.rotation_deg);
-  }
+  std::snprintf(text, sizeof text, "%.2f mm, %.3f deg (%.1f sigmas)", off.position_mm,
+                off.rotation_deg, off.sigmas);
   return text;
 }
 
@@ -112,10 +106,10 @@ void PrintCamera(const CameraPose& pose) {
     std::printf("  not registered: %s: %s\n", pose.camera.c_str(), pose.reason.c_str());
   } else if (off && off->wrong_side) {
     std::printf("  on the wrong side: %s, off the calibration by %s\n", pose.camera.c_str(),
-                Displacement(pose).c_str());
+                Displacement(*off).c_str());
   } else if (off && off->moved) {
     std::printf("  moved since the calibration: %s by %s\n", pose.camera.c_str(),
-                Displacement(pose).c_str());
+                Displacement(*off).c_str());
   } else if (off && off->swapped_with) {
     std::printf("  swapped since the calibration: %s stands where %s was\n", pose.camera.c_str(),
                 off->swapped_with->c_str());
@@ -128,7 +122,7 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
   std::printf("Registered %zu of %zu cameras, %zu points, mean reprojection error %.3f px%s\n",
               summary.registered, summary.of, summary.points, summary.mean_reprojection_px,
               result.poses.metric ? ", metric in the rig frame" : ", arbitrary scale");
-  PrintVerdict(result.poses);
+  PrintVerdict(summary);
   for (const CameraPose& pose : result.poses.cameras) PrintCamera(pose);
   for (const std::string& note : result.notes) std::printf("  note: %s\n", note.c_str());
   for (const StageCost& cost : costs) {

@@ -256,9 +256,8 @@ Result<FrameSet> ReadFrameSet(const fs::path& folder) {
 }
 
 std::string HowToLeaveOut(const FrameSet& set) {
-  return set.plain_folder
-             ? "to go on without it, move its picture out of the folder"
-             : "to go on without it, set its \"status\" in frameset.json to \"missing\"";
+  return set.plain_folder ? "without that file the folder's other pictures are used"
+                          : "a frame with \"status\": \"missing\" in frameset.json is left out";
 }
 
 std::string FrameSetToJson(const FrameSet& set) {

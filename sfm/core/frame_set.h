@@ -59,7 +59,7 @@ inline constexpr char kFrameSetFormat[] = "rotunda-frameset/1";
 /// that is listed with status "ok" and is not there.
 Result<FrameSet> ReadFrameSet(const std::filesystem::path& folder);
 
-/// What to do about a picture or camera that cannot be used, for the end of an error's text.
+/// How a set leaves out a picture or camera that cannot be used, for the end of an error's text.
 std::string HowToLeaveOut(const FrameSet& set);
 
 /// frameset.json text of `set` (the pictures are the writer's business).

@@ -18,6 +18,7 @@ Json VsCalibrationJson(const VsCalibration& vs) {
   Json object;
   object["rotation_deg"] = vs.rotation_deg;
   object["position_mm"] = vs.position_mm;
+  object["sigmas"] = vs.sigmas;
   object["moved"] = vs.moved;
   if (vs.swapped_with) object["swapped_with"] = *vs.swapped_with;
   if (vs.wrong_side) object["wrong_side"] = true;
@@ -62,7 +63,9 @@ VsCalibration ReadVsCalibration(const JsonField& object) {
   vs.rotation_deg = object["rotation_deg"].Number();
   vs.position_mm = object["position_mm"].Number();
   vs.moved = object["moved"].Bool();
+  if (object["sigmas"].present()) vs.sigmas = object["sigmas"].Number();
   if (object["wrong_side"].present()) vs.wrong_side = object["wrong_side"].Bool();
+  if (vs.wrong_side && vs.moved) object["moved"].Refuse("false for a camera on the wrong side");
   const JsonField swapped_with = object["swapped_with"];
   if (!swapped_with.present()) return vs;
   vs.swapped_with = swapped_with.String();

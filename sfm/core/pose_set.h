@@ -13,17 +13,20 @@
 
 namespace rotunda {
 
-/// How far a pose is from the one in the calibration in force.
+/// How far a pose is from the one in the calibration in force. `moved` and `wrong_side` exclude
+/// each other, and either excludes `swapped_with`.
 struct VsCalibration {
   double rotation_deg = 0.0;
   double position_mm = 0.0;
   bool moved = false;
-  /// The camera whose place in the calibration this one has, when cameras have changed places; such
-  /// a camera is not `moved`.
+  /// The camera whose place in the calibration this one has, when cameras have changed places.
   std::optional<std::string> swapped_with = std::nullopt;
-  /// So far from its place that nobody pushed it there: what looks alike was taken for one, the
-  /// model is folded. Of a folded model no camera is `moved`: nothing tells.
+  /// The model is folded, and what looks alike put this camera there. Of a folded model no camera
+  /// is `moved`: nothing tells.
   bool wrong_side = false;
+  /// The larger of rotation and position in sigmas: of pose and calibration together, or of all
+  /// cameras' spread where that is larger.
+  double sigmas = 0.0;
 };
 
 /// One camera of a reconstruction.
@@ -65,7 +68,8 @@ struct PoseSummary {
   std::optional<double> mean_position_mm;
   size_t ambiguous_communities = 0;
   std::optional<bool> folded;  // absent: nothing was at hand to tell
-  std::string verdict;         // "sure", "unsure", "folded"; empty: the method gives none
+  std::string verdict;         // "sure", "unsure", "folded"; empty: neither method nor calibration
+                               // give one
   std::string verdict_reason;  // one line; empty with the verdict
   /// Log-likelihood (natural) that speaks against everything that looks alike; absent when nothing
   /// does.

@@ -154,53 +154,82 @@ TEST(AddCalibrationFigures, NothingRegisteredHasNoMeans) {
   EXPECT_FALSE(aligned.poses.summary.mean_position_mm.has_value());
 }
 
-/// The summary when two of four cameras are off by so much and the pictures gave this verdict.
-PoseSummary JudgedOff(const std::string& verdict, std::optional<bool> folded, double off_deg,
-                      bool wrong_side) {
-  Aligned aligned({0, 90, 180, 270});
-  for (const size_t i : {1, 2}) {
-    Differ(aligned.alignment.vs_calibration[i], off_deg, 3000.0);
-    aligned.alignment.vs_calibration[i]->wrong_side = wrong_side;
+struct Off {
+  size_t cameras = 0;
+  double rotation_deg = 0;
+  double position_mm = 0;
+};
+constexpr double kFar_mm = 400, kNear_mm = 20;
+
+/// Eight cameras, the first of them off by so much, and what AddVerdict said of the pictures.
+Aligned Judged(const std::string& verdict, const Off& off) {
+  Aligned aligned({0, 45, 90, 135, 180, 225, 270, 315});
+  aligned.alignment.far_mm = kFar_mm;
+  for (size_t i = 0; i < off.cameras; ++i) {
+    Differ(aligned.alignment.vs_calibration[i], off.rotation_deg, off.position_mm);
+    aligned.alignment.vs_calibration[i]->moved = true;
   }
-  aligned.poses.summary.verdict = verdict;
-  aligned.poses.summary.verdict_reason = "of the pictures";
-  aligned.poses.summary.folded = folded;
+  PoseSummary& summary = aligned.poses.summary;
+  summary.verdict = verdict;
+  summary.verdict_reason = "of the pictures";
+  if (!verdict.empty()) summary.margin = 37;
+  if (verdict == "sure") summary.folded = false;
+  if (verdict == "folded") summary.folded = true;
   aligned.Add();
-  return aligned.poses.summary;
+  return aligned;
 }
 
-TEST(AddCalibrationFigures, CamerasOnTheWrongSideMakeItFoldedWhateverThePicturesSay) {
-  for (const char* verdict : {"", "sure", "unsure", "folded"}) {
-    const PoseSummary summary = JudgedOff(verdict, std::nullopt, 170.0, true);
-    EXPECT_EQ(summary.verdict, "folded") << verdict;
-    EXPECT_EQ(summary.folded, true) << verdict;
-    EXPECT_EQ(summary.verdict_reason.rfind("2 cameras on the wrong side", 0), 0u)
-        << summary.verdict_reason;
+TEST(AddCalibrationFigures, CamerasOnTheWrongSideMakeItFoldedUnlessThePicturesAreSure) {
+  for (const char* verdict : {"", "unsure"}) {
+    const PoseSet poses = Judged(verdict, {3, 170.0, 3000.0}).poses;
+    EXPECT_EQ(poses.summary.verdict, "folded") << verdict;
+    EXPECT_EQ(poses.summary.folded, true) << verdict;
+    EXPECT_FALSE(poses.summary.margin.has_value()) << "it spoke for the other verdict";
+    EXPECT_EQ(poses.summary.verdict_reason.rfind("3 cameras are on the wrong side", 0), 0u)
+        << poses.summary.verdict_reason;
+    for (size_t i = 0; i < poses.cameras.size(); ++i) {
+      EXPECT_EQ(poses.cameras[i].vs_calibration->wrong_side, i < 3) << i;
+      EXPECT_FALSE(poses.cameras[i].vs_calibration->moved) << i;
+    }
   }
 }
 
-TEST(AddCalibrationFigures, CamerasTurnedInTheirPlacesMakeItUnsureAndNeverBetter) {
-  for (const char* verdict : {"", "sure"}) {
-    const PoseSummary summary = JudgedOff(verdict, std::nullopt, 40.0, false);
-    EXPECT_EQ(summary.verdict, "unsure") << verdict;
-    EXPECT_EQ(summary.verdict_reason.rfind("2 cameras turned far", 0), 0u)
-        << summary.verdict_reason;
-    EXPECT_FALSE(summary.folded.has_value()) << "nothing tells";
+TEST(AddCalibrationFigures, WhatIsFarOffMakesItUnsureAndNothingBetter) {
+  const Off few_far{2, 170.0, 3000.0}, turned{4, 40.0, kNear_mm}, shifted{4, 1.0, kFar_mm + 1};
+  for (const Off& off : {few_far, turned, shifted, Off{4, 170.0, 3000.0}}) {
+    for (const char* verdict : {"", "sure"}) {
+      if (verdict == std::string() && off.cameras == 4 && off.rotation_deg > 100) continue;
+      const PoseSet poses = Judged(verdict, off).poses;
+      EXPECT_EQ(poses.summary.verdict, "unsure") << verdict;
+      EXPECT_NE(poses.summary.verdict_reason.find(" cameras are far from where"),
+                std::string::npos);
+      EXPECT_FALSE(poses.summary.folded.has_value()) << "nothing tells";
+      EXPECT_TRUE(poses.cameras[0].vs_calibration->moved);
+      EXPECT_FALSE(poses.cameras[0].vs_calibration->wrong_side);
+    }
   }
-  const PoseSummary unsure = JudgedOff("unsure", std::nullopt, 40.0, false);
+  const PoseSummary unsure = Judged("unsure", turned).poses.summary;
+  EXPECT_EQ(unsure.verdict, "unsure");
   EXPECT_EQ(unsure.verdict_reason, "of the pictures");
-  EXPECT_EQ(JudgedOff("folded", true, 40.0, false).verdict, "folded");
+  EXPECT_FALSE(unsure.folded.has_value());
+}
+
+TEST(AddCalibrationFigures, OfAModelThatThePicturesFoldedNoCameraHasMoved) {
+  const PoseSet poses = Judged("folded", {1, 0.5, kNear_mm}).poses;
+  EXPECT_EQ(poses.summary.verdict, "folded");
+  EXPECT_EQ(poses.summary.verdict_reason, "of the pictures");
+  EXPECT_EQ(poses.summary.folded, true);
+  EXPECT_FALSE(poses.cameras[0].vs_calibration->moved);
 }
 
 TEST(AddCalibrationFigures, CamerasThatAreMerelyMovedChangeNoVerdict) {
-  const double off_deg = kFoldedRotation_deg - 0.1;
   for (const char* verdict : {"", "sure", "unsure"}) {
-    const PoseSummary summary = JudgedOff(verdict, std::nullopt, off_deg, false);
-    EXPECT_EQ(summary.verdict, verdict);
-    EXPECT_EQ(summary.verdict_reason, "of the pictures");
-    EXPECT_EQ(summary.folded, false) << "the calibration tells";
+    const PoseSet poses = Judged(verdict, {4, kFoldedRotation_deg - 0.1, kFar_mm - 1}).poses;
+    EXPECT_EQ(poses.summary.verdict, verdict);
+    EXPECT_EQ(poses.summary.verdict_reason, "of the pictures");
+    EXPECT_EQ(poses.summary.folded, false) << "the calibration tells";
+    EXPECT_TRUE(poses.cameras[0].vs_calibration->moved);
   }
-  EXPECT_EQ(JudgedOff("folded", true, off_deg, false).folded, true);
 }
 
 TEST(AddVerdict, TheMarginIsTheEvidenceIfAnythingLooksAlike) {

@@ -63,7 +63,7 @@ class ReportTest : public testing::Test {
     pose.side = i == 0 ? "front" : "back";
     pose.observations = 1000 + 10 * static_cast<size_t>(i);
     pose.rms_px = 0.5 + 0.01 * i;
-    pose.vs_calibration = VsCalibration{0.01, 0.4, false};
+    pose.vs_calibration = VsCalibration{0.01, 0.4, false, std::nullopt, false, 1.2};
     poses_.cameras.push_back(pose);
     calibration_->cameras.push_back(
         {name, "serial", pose.intrinsics, pose.cam_from_rig, std::nullopt});
@@ -335,11 +335,11 @@ TEST_F(ReportTest, ShowsThePageOfTheCalibration) {
 }
 
 TEST_F(ReportTest, SaysWhichCameraHasMoved) {
-  poses_.cameras[3].vs_calibration = VsCalibration{0.61, 63.2, true};
+  poses_.cameras[3].vs_calibration = VsCalibration{0.61, 63.2, true, std::nullopt, false, 141.9};
   poses_.cameras[3].cam_from_rig.translation += Eigen::Vector3d(0.05, 0, 0.03);
   const std::string html = Build();
   EXPECT_NE(html.find("Camera c03 has moved"), std::string::npos);
-  EXPECT_NE(html.find("c03 by 63.2 ± 0.330 mm and 0.610 ± 0.00430°."), std::string::npos);
+  EXPECT_NE(html.find("c03 by 63.2 mm and 0.610° (141.9 sigmas)."), std::string::npos);
   EXPECT_NE(Row(html, 3).find("class=\"bad\""), std::string::npos);
   EXPECT_EQ(Count(Draw(Input()).top, "class=\"before\""), 1u);
   EXPECT_EQ(report::BuildFacts(Input()).rig.level, report::Level::kBad);
@@ -367,7 +367,7 @@ TEST_F(ReportTest, AFoldedModelSaysNothingOfMovedCameras) {
   poses_.summary.folded = true;
   poses_.summary.verdict = "folded";
   for (const size_t i : {1, 4}) {
-    poses_.cameras[i].vs_calibration = VsCalibration{170, 3391, false, std::nullopt, true};
+    poses_.cameras[i].vs_calibration = VsCalibration{170, 3391, false, std::nullopt, true, 999};
   }
   const report::Facts facts = report::BuildFacts(Input());
   EXPECT_EQ(facts.rig.mark, "Rig not checked");
@@ -386,20 +386,34 @@ TEST_F(ReportTest, UnsureIsNotSaidToBeUnfolded) {
 }
 
 TEST_F(ReportTest, NamesACameraThatIsFartherOffThanErrorsAre) {
-  const double sigma_mm = poses_.cameras[2].sigma->position_mm;
-  poses_.cameras[2].vs_calibration = VsCalibration{0.01, 3.9 * sigma_mm, false};
+  poses_.cameras[2].vs_calibration = VsCalibration{0.01, 1.25, false, std::nullopt, false, 3.9};
   const report::Facts near = report::BuildFacts(Input());
   EXPECT_EQ(near.rig.level, report::Level::kGood);
   ASSERT_FALSE(near.rig.details.empty());
-  EXPECT_NE(near.rig.details[0].find("the farthest off for its own: c02 by 1.25 ± 0.320 mm"),
-            std::string::npos)
+  EXPECT_NE(near.rig.details[0].find("c02 by 1.25 mm and 0.0100° (3.9 sigmas)."), std::string::npos)
       << near.rig.details[0];
-  poses_.cameras[2].vs_calibration = VsCalibration{0.01, 4.1 * sigma_mm, false};
+  poses_.cameras[2].vs_calibration->sigmas = 4.1;
   const report::Facts doubtful = report::BuildFacts(Input());
   EXPECT_EQ(doubtful.rig.level, report::Level::kLook);
   EXPECT_EQ(doubtful.rig.headline, "No camera is seen to have moved");
   EXPECT_NE(doubtful.rig.details.back().find("c02."), std::string::npos);
   EXPECT_EQ(doubtful.cameras[2].level, report::Level::kLook);
+}
+
+TEST_F(ReportTest, NamesCalibratedCamerasWithoutAFrame) {
+  CalibratedCamera absent = calibration_->cameras[0];
+  absent.camera = "c09";
+  calibration_->cameras.push_back(absent);
+  const report::Facts facts = report::BuildFacts(Input());
+  EXPECT_EQ(facts.rig.mark, "Rig partly checked");
+  EXPECT_EQ(facts.rig.details.back(), "Calibrated, but not in this frame set: c09.");
+}
+
+TEST_F(ReportTest, AMethodThatDoesNotJudgeIsNotTakenForGood) {
+  poses_.summary.folded.reset();
+  EXPECT_EQ(report::BuildFacts(Input()).shot.level, report::Level::kLook);
+  poses_.summary.folded = false;  // the calibration tells
+  EXPECT_EQ(report::BuildFacts(Input()).shot.level, report::Level::kGood);
 }
 
 TEST_F(ReportTest, VerdictFollowsTheWorstFinding) {

@@ -68,6 +68,10 @@ Problem MakeProblem() {
   return problem;
 }
 
+void Shift(Problem& problem, size_t i) {
+  problem.reconstruction.cam_from_model[i]->translation.x() += 0.020 * kModelFromRig.scale;
+}
+
 TEST(RigAlignment, BringsTheModelIntoTheRigFrame) {
   const Problem problem = MakeProblem();
   const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
@@ -102,7 +106,7 @@ TEST(RigAlignment, NamesMovedCamerasAndNoOther) {
   EXPECT_NEAR(aligned->vs_calibration[9]->rotation_deg, 0.5, DegFromRad(5 * kNoise_rad) + 0.02);
 }
 
-TEST(RigAlignment, AFoldedModelHasCamerasOnTheWrongSideAndNoneThatMoved) {
+TEST(RigAlignment, AFoldedModelIsAlignedToTheSideOfMostCameras) {
   Problem problem = MakeProblem();
   const Eigen::Quaterniond half_turn(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitZ()));
   const Rigid3 other_side = {half_turn, Eigen::Vector3d::Zero()};
@@ -111,26 +115,45 @@ TEST(RigAlignment, AFoldedModelHasCamerasOnTheWrongSideAndNoneThatMoved) {
     problem.reconstruction.cam_from_model[i] =
         TransformPose(kModelFromRig, problem.calibration.cameras[i].cam_from_rig * other_side);
   }
-  problem.reconstruction.cam_from_model[4]->translation.x() += 0.020 * kModelFromRig.scale;
   const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
                                           problem.covariances, kSeed);
   ASSERT_TRUE(aligned.ok()) << aligned.error().ToString();
   for (size_t i = 0; i < kCameras; ++i) {
-    EXPECT_EQ(aligned->vs_calibration[i]->wrong_side, i >= kCameras - kFolded) << i;
-    EXPECT_FALSE(aligned->vs_calibration[i]->moved) << i;
+    const VsCalibration& off = *aligned->vs_calibration[i];
+    EXPECT_EQ(off.rotation_deg > kFoldedRotation_deg, i >= kCameras - kFolded) << i;
+    EXPECT_EQ(off.position_mm > aligned->far_mm, i >= kCameras - kFolded) << i;
   }
 }
 
-TEST(RigAlignment, ACameraThatCameLooseIsNotOnTheWrongSide) {
+TEST(RigAlignment, ACameraThatCameLooseIsNotFarAway) {
   Problem problem = MakeProblem();
   Rigid3& loose = *problem.reconstruction.cam_from_model[4];
   const Eigen::Quaterniond quarter_turn(Eigen::AngleAxisd(kPi / 2, Eigen::Vector3d::UnitX()));
-  loose = Rigid3{quarter_turn, Eigen::Vector3d(0.1 * kModelFromRig.scale, 0, 0)} * loose;
+  const Eigen::Vector3d center = loose.OriginInSource();
+  loose.rotation = quarter_turn * loose.rotation;
+  loose.translation =
+      -(loose.rotation * (center + Eigen::Vector3d(0.1 * kModelFromRig.scale, 0, 0)));
   const auto aligned = AlignToCalibration(problem.reconstruction, problem.set, problem.calibration,
                                           problem.covariances, kSeed);
   ASSERT_TRUE(aligned.ok()) << aligned.error().ToString();
   EXPECT_TRUE(aligned->vs_calibration[4]->moved);
-  EXPECT_FALSE(aligned->vs_calibration[4]->wrong_side);
+  EXPECT_NEAR(aligned->vs_calibration[4]->position_mm, 100.0, 5e3 * kNoise_m);
+  EXPECT_LT(aligned->vs_calibration[4]->position_mm, aligned->far_mm);
+}
+
+TEST(RigAlignment, SigmasAreOfPoseAndCalibrationTogether) {
+  Problem problem = MakeProblem();
+  Shift(problem, 4);
+  const auto Sigmas = [&] {
+    const auto aligned = AlignToCalibration(problem.reconstruction, problem.set,
+                                            problem.calibration, problem.covariances, kSeed);
+    return aligned.ok() ? aligned->vs_calibration[4]->sigmas : 0.0;
+  };
+  // The pose's own: trace of three equal variances; the spread of all cameras is smaller.
+  const double own_mm = 1e3 * kNoise_m * std::sqrt(3.0);
+  EXPECT_NEAR(Sigmas(), 20.0 / own_mm, 5 * std::sqrt(3.0));
+  problem.calibration.cameras[4].sigma = PoseSigma{0.0, 5.0, std::nullopt};
+  EXPECT_NEAR(Sigmas(), 20.0 / std::hypot(own_mm, 5.0), 5 * 1e3 * kNoise_m / 5.0);
 }
 
 /// As when the calibration knows cameras under each other's names: entry i is that of `from`. Their
@@ -168,10 +191,6 @@ void ExpectFindings(const Problem& problem, const std::map<size_t, Finding>& exp
         << "camera " << i << ": moved " << found.moved << ", swapped with "
         << found.swapped_with.value_or("none");
   }
-}
-
-void Shift(Problem& problem, size_t i) {
-  problem.reconstruction.cam_from_model[i]->translation.x() += 0.020 * kModelFromRig.scale;
 }
 
 TEST(RigAlignment, NamesTwoSwappedCameras) {

@@ -7,7 +7,6 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
@@ -124,7 +123,7 @@ const std::vector<Row>& Rows() {
          fs::resize_file(picture, fs::file_size(picture) / 2);
          return Arguments{set};
        },
-       {".png", "cut short", "\"status\" in frameset.json"}},
+       {".png", "cut short", "\"status\": \"missing\""}},
       {"NotAPicture",
        [](Folder, Folder set) {
          WriteText(FirstPicture(set), "this is text");
@@ -184,7 +183,7 @@ const std::vector<Row>& Rows() {
          WriteText(folder / "poor.json", json.dump());
          return Arguments{set, "--calibration", folder / "poor.json"};
        },
-       {"c00r", "calibration", "\"status\" in frameset.json"}},
+       {"c00r", "calibration", "\"status\": \"missing\""}},
       {"CalibrationAtAnotherSize",
        [](Folder folder, Folder set) {
          nlohmann::ordered_json json = ReadJson(set / "calibration.json");
@@ -377,15 +376,18 @@ TEST(WrongUsage, EveryRowExitsWithTwo) {
 }
 
 TEST(WrongUsage, NamesTheWordThatIsNotKnown) {
-  const std::map<std::string, std::vector<std::string>> rows = {
-      {"'reconstrct'", {"reconstrct", "somewhere", "--out", "x"}},
-      {"'--ot'", {"reconstruct", "somewhere", "--ot", "x"}},
-      {"'--thruth'", {"evaluate", "poses.json", "--thruth", "truth.json"}},
+  const std::vector<std::pair<std::string, std::vector<std::string>>> rows = {
+      {"'reconstrct' is not known", {"reconstrct", "somewhere", "--out", "x"}},
+      {"'--ot' is not known", {"reconstruct", "somewhere", "--ot", "x"}},
+      {"'--thruth' is not known", {"evaluate", "poses.json", "--thruth", "truth.json"}},
+      {"--truth is required", {"evaluate", "poses.json", "truth.json"}},
+      {"--out is required", {"reconstruct", "--", "somewhere"}},
+      {"--json", {"--json", "status"}},
   };
-  for (const auto& [word, row] : rows) {
+  for (const auto& [error, row] : rows) {
     std::vector<std::string> arguments = {ROTUNDA_COMMAND};
     arguments.insert(arguments.end(), row.begin(), row.end());
-    ExpectOneError(RunProcess(arguments), 2, {word + " is not known"});
+    ExpectOneError(RunProcess(arguments), 2, {error});
   }
 }
 

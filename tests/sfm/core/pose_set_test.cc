@@ -155,6 +155,10 @@ TEST(PoseSet, NamesTheFieldWhatWasFoundAndWhatWasExpected) {
        "cameras[0].side: expected \"front\", \"back\", \"left\" or \"right\", found \"top\""},
       {"/cameras/0/vs_calibration/swapped_with", "",
        "cameras[0].vs_calibration.swapped_with: expected a camera's name, found \"\""},
+      {"/cameras/0/vs_calibration",
+       {{"rotation_deg", 1}, {"position_mm", 2}, {"moved", true}, {"wrong_side", true}},
+       "cameras[0].vs_calibration.moved: expected false for a camera on the wrong side, found "
+       "true"},
       {"/cameras/1/camera", "a", "cameras[1].camera: camera \"a\" is already cameras[0]"},
       {"/cameras/1/reason", nullptr, "cameras[1].reason: expected a string, found null"},
       {"/segments/0/tracks", -1, "segments[0].tracks: expected an integer >= 0, found -1"},
