@@ -195,8 +195,9 @@ std::vector<CameraFacts> BuildCameraFacts(const ReportInput& input, const Facts&
     } else if (pose.vs_calibration && pose.vs_calibration->swapped_with) {
       cameras[i].swapped = true;
       Raise(cameras[i], Level::kBad, "swapped: " + InPlaceOf(pose));
-    } else if (SigmasOff(pose) > kLookSigmas) {
-      Raise(cameras[i], Level::kLook, Fixed(SigmasOff(pose), 1) + " sigmas off the calibration");
+    } else if (IsDoubtful(pose) && !input.poses.summary.folded.value_or(false)) {
+      Raise(cameras[i], Level::kLook,
+            "off the calibration by " + Displacement(*pose.vs_calibration));
     }
     const std::string& status = input.set.frames[i].status;
     if (status != "ok") Raise(cameras[i], Level::kLook, "frame: " + status);

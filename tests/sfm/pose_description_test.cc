@@ -95,9 +95,12 @@ void Differ(std::optional<VsCalibration>& vs, double rotation_deg, double positi
   vs->position_mm = position_mm;
 }
 
+constexpr double kFar_mm = 400, kNear_mm = 20;
+
 /// Cameras around the subject, and how far each is off the calibration.
 struct Aligned {
   explicit Aligned(const std::vector<double>& azimuths_deg) {
+    alignment.far_mm = kFar_mm;
     for (const double azimuth_deg : azimuths_deg) {
       poses.cameras.push_back(CameraAt(azimuth_deg));
       Differ(alignment.vs_calibration.emplace_back(), 0.1, 2.0);
@@ -159,12 +162,9 @@ struct Off {
   double rotation_deg = 0;
   double position_mm = 0;
 };
-constexpr double kFar_mm = 400, kNear_mm = 20;
-
 /// Eight cameras, the first of them off by so much, and what AddVerdict said of the pictures.
 Aligned Judged(const std::string& verdict, const Off& off) {
   Aligned aligned({0, 45, 90, 135, 180, 225, 270, 315});
-  aligned.alignment.far_mm = kFar_mm;
   for (size_t i = 0; i < off.cameras; ++i) {
     Differ(aligned.alignment.vs_calibration[i], off.rotation_deg, off.position_mm);
     aligned.alignment.vs_calibration[i]->moved = true;
