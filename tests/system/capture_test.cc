@@ -200,6 +200,12 @@ TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   ASSERT_EQ(cameras.size(), 4u);
   EXPECT_EQ(cameras[0].at("condition"), "ready");
   EXPECT_EQ(cameras[0].at("address"), std::string(kBlock) + ".1");
+  EXPECT_EQ(cameras[0].at("serial"), "CAPT0");
+  EXPECT_EQ(cameras[0].at("model"), "SimulatedGigE");
+  EXPECT_EQ(cameras[0].at("firmware"), "1.0.0");
+  EXPECT_NEAR(cameras[0].at("temperature_deg_c").get<double>(), 41, 3);
+  EXPECT_EQ(cameras[0].at("packet_size_bytes"), 9000);
+  EXPECT_EQ(cameras[0].at("resent_packets"), 0);
   EXPECT_EQ(cameras[0].at("control_held"), true);
   EXPECT_EQ(cameras[0].at("last_frame_id"), 1) << "of the warm-up";
   EXPECT_GE(cameras[0].at("last_frame_age_s"), 0.0);
