@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -191,6 +193,32 @@ TEST_F(CaptureCommand, AShotWhoseFolderGoesAwayIsKeptElsewhere) {
     ++sets;
   }
   EXPECT_EQ(sets, 1) << shot.errors;
+}
+
+TEST_F(CaptureCommand, ADiskThatDoesNotAnswerIsToldAndTheShotIsKept) {
+  using Clock = std::chrono::steady_clock;
+  const std::string hang = *folder_ / "hang";
+  std::ofstream(hang) << "";
+  std::optional<Clock::time_point> waits_since;
+  const ProcessOutcome shot =
+      RunProcess({"env", "LD_PRELOAD=" HANGING_FSYNC, "ROTUNDA_TEST_HANG=" + hang, ROTUNDA_COMMAND,
+                  "capture", "--rig", *folder_ / "rig.toml", "--simulated", cameras_->socket(),
+                  "--out", *folder_ / "slow"},
+                 [&] {
+                   if (!waits_since && std::filesystem::exists(hang + ".waiting"))
+                     waits_since = Clock::now();
+                   // Twice as long as it takes to be told.
+                   if (waits_since && Clock::now() > *waits_since + std::chrono::seconds(6)) {
+                     std::filesystem::remove(hang);
+                   }
+                   return false;
+                 });
+  EXPECT_EQ(shot.exit_code, 0) << shot.errors;
+  EXPECT_TRUE(Contains(shot.errors, "the disk does not answer; the frames stay in memory"))
+      << shot.errors;
+  const auto set = ReadFrameSet(*folder_ / "slow");
+  ASSERT_TRUE(set) << set.error().ToString();
+  EXPECT_EQ(set->trigger.at("complete"), TriggerValue(true));
 }
 
 TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
