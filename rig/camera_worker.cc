@@ -69,7 +69,7 @@ void PulseTask::ReportArmed() {
     const std::lock_guard lock(mutex_);
     ++armed_;
   }
-  changed_.notify_all();
+  report_came_.notify_all();
 }
 
 void PulseTask::ReportResult(size_t camera, CameraShot result) {
@@ -79,19 +79,19 @@ void PulseTask::ReportResult(size_t camera, CameraShot result) {
     results_[camera] = std::move(result);
     ++reported_;
   }
-  changed_.notify_all();
+  report_came_.notify_all();
 }
 
 std::optional<PulseTask::Clock::time_point> PulseTask::WaitForPulse() {
   std::unique_lock lock(mutex_);
-  changed_.wait(lock, [&] { return pulse_known_; });
+  pulse_published_.wait(lock, [&] { return pulse_known_; });
   return pulse_;
 }
 
 void PulseTask::WaitForArmed(size_t count, Clock::time_point deadline) {
   std::unique_lock lock(mutex_);
   // Who cannot be armed reports at once.
-  changed_.wait_until(lock, deadline, [&] { return armed_ + reported_ >= count; });
+  report_came_.wait_until(lock, deadline, [&] { return armed_ + reported_ >= count; });
 }
 
 void PulseTask::PublishPulse(std::optional<Clock::time_point> pulse) {
@@ -100,13 +100,13 @@ void PulseTask::PublishPulse(std::optional<Clock::time_point> pulse) {
     pulse_ = pulse;
     pulse_known_ = true;
   }
-  changed_.notify_all();
+  pulse_published_.notify_all();
 }
 
 std::vector<std::optional<CameraShot>> PulseTask::TakeResults(size_t count,
                                                               Clock::time_point deadline) {
   std::unique_lock lock(mutex_);
-  changed_.wait_until(lock, deadline, [&] { return reported_ >= count; });
+  report_came_.wait_until(lock, deadline, [&] { return reported_ >= count; });
   closed_ = true;
   return std::move(results_);
 }

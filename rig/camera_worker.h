@@ -67,7 +67,9 @@ class PulseTask {
   const ShotTiming timing_;
   const Clock::time_point arm_deadline_;
   mutable std::mutex mutex_;
-  std::condition_variable changed_;
+  // Apart, or every camera that is armed would wake all that wait for the pulse.
+  std::condition_variable pulse_published_;  // to the workers
+  std::condition_variable report_came_;      // to the session
   size_t armed_ = 0;
   size_t reported_ = 0;
   bool pulse_known_ = false;

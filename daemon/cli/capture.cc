@@ -35,6 +35,9 @@ using std::chrono::milliseconds;
 constexpr auto kReadyPatience = milliseconds(5000);
 constexpr auto kPollInterval = milliseconds(50);
 constexpr auto kBroadcastPatience = milliseconds(1000);
+// A picture is coded and written in a hundredth of this; only making ninety of them durable may
+// take as long, and is then told for nothing.
+constexpr auto kDiskPatience = milliseconds(3000);
 
 struct CaptureArguments {
   fs::path rig;
@@ -68,22 +71,32 @@ void WaitForCameras(rig::CaptureSession& session, const CommonOptions& common) {
   }
 }
 
+/// Tells once what keeps a set from the disk, until `done`: that it refuses, or does not answer.
+void TellTrouble(const rig::FrameSetWriter& writer, const std::stop_token& done) {
+  uint64_t signs = writer.signs_of_life();
+  auto alive = std::chrono::steady_clock::now();
+  while (!done.stop_requested()) {
+    const auto now = std::chrono::steady_clock::now();
+    if (signs != writer.signs_of_life()) alive = now;
+    signs = writer.signs_of_life();
+    const auto trouble = writer.trouble();
+    const bool refuses = trouble && trouble->tried_again;
+    if (refuses || now - alive > kDiskPatience) {
+      const std::string what =
+          refuses
+              ? trouble->error.ToString() + "; the frames stay in memory and writing is tried again"
+              : "the disk does not answer; the frames stay in memory until it does";
+      std::fprintf(stderr, "rotunda: %s (Ctrl-C gives them up)\n", what.c_str());
+      return;
+    }
+    std::this_thread::sleep_for(kPollInterval);
+  }
+}
+
 /// Waits for the disk. A set that cannot be written stays in memory until it can, or Ctrl-C.
 Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
                                     const CommonOptions& common) {
-  bool told = false;
-  std::jthread watch([&](std::stop_token done) {
-    while (!done.stop_requested()) {
-      if (const auto trouble = writer.trouble(); trouble && trouble->tried_again && !told) {
-        told = true;
-        std::fprintf(stderr,
-                     "rotunda: %s; the frames stay in memory and writing is tried again "
-                     "(Ctrl-C gives them up)\n",
-                     trouble->error.ToString().c_str());
-      }
-      std::this_thread::sleep_for(kPollInterval);
-    }
-  });
+  const std::jthread watch([&](const std::stop_token& done) { TellTrouble(writer, done); });
   Result<rig::WrittenSet> written = writer.Wait(ticket, common.stop);
   if (!written && written.error().code == ErrorCode::kCancelled) writer.Abandon(ticket);
   return written;

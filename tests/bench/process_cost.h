@@ -3,7 +3,11 @@
 #include <sys/resource.h>
 
 #include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <stdexcept>
+#include <string>
 
 #include "sfm/core/result.h"
 
@@ -19,6 +23,25 @@ inline double Cpu_s() {
   getrusage(RUSAGE_SELF, &usage);
   return static_cast<double>(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
          1e-6 * static_cast<double>(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
+}
+
+/// What this process holds.
+struct Footprint {
+  double memory_mb = 0;  // resident
+  int threads = 0;
+  int descriptors = 0;
+};
+
+inline Footprint FootprintNow() {
+  Footprint now;
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.starts_with("VmRSS:")) now.memory_mb = 1.024e-3 * std::stod(line.substr(6));
+    if (line.starts_with("Threads:")) now.threads = std::stoi(line.substr(8));
+  }
+  const std::filesystem::directory_iterator open("/proc/self/fd");
+  now.descriptors = static_cast<int>(std::distance(begin(open), end(open)));
+  return now;
 }
 
 /// Benchmarks have nobody to hand an error to.

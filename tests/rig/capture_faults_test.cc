@@ -168,6 +168,7 @@ class CaptureFaults : public testing::TestWithParam<FaultCase> {
 
 TEST_P(CaptureFaults, AreNamedTheOthersAreKeptAndTheNextShotWorks) {
   constexpr int kFaulty = 2;
+  constexpr int kFaultyShot = 1;  // every pulse shows the cameras another one
   const FaultCase& row = GetParam();
   const auto session = rig_.Open();
   ASSERT_TRUE(session) << session.error().ToString();
@@ -184,8 +185,12 @@ TEST_P(CaptureFaults, AreNamedTheOthersAreKeptAndTheNextShotWorks) {
   ASSERT_EQ(shot->cameras.size(), size_t{kCameras});
   for (int i = 0; i < kCameras; ++i) {
     const CameraShot& camera = shot->cameras[i];
+    if (camera.frame) {
+      EXPECT_TRUE(rig_.IsAsServed(*camera.frame, i, kFaultyShot)) << camera.camera;
+    }
     if (i != kFaulty) {
       EXPECT_EQ(camera.verdict, Verdict::kOk) << shot->Summary();
+      EXPECT_TRUE(camera.frame);
       continue;
     }
     EXPECT_STREQ(VerdictName(camera.verdict), VerdictName(row.verdict)) << shot->Summary();
@@ -223,6 +228,7 @@ TEST_P(CaptureFaults, AreNamedTheOthersAreKeptAndTheNextShotWorks) {
   const auto after = (*session)->Capture();
   ASSERT_TRUE(after) << after.error().ToString();
   EXPECT_TRUE(after->complete()) << after->Summary();
+  EXPECT_EQ(rig_.ExactFrames(*after, kFaultyShot + 1), kCameras);
 }
 
 INSTANTIATE_TEST_SUITE_P(Table, CaptureFaults, testing::ValuesIn(FaultCases()),

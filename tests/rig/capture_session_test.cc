@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstring>
 #include <functional>
 #include <future>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <thread>
 #include <vector>
@@ -36,19 +36,6 @@ SimulatedRig::Options RigOf(const std::string& block, int cameras) {
   return options;
 }
 
-/// How many cameras of a shot have exactly the bytes that they were served.
-int ExactFrames(const SimulatedRig::Options& options, sim::CameraServer& server, const Shot& shot,
-                int shown) {
-  int exact = 0;
-  for (size_t i = 0; i < shot.cameras.size(); ++i) {
-    const int index = static_cast<int>(i);
-    const auto bytes = test::ServedBytes(options.source, server.camera(index), index, shown);
-    const auto& frame = shot.cameras[i].frame;
-    exact += frame && std::memcmp(frame->memory.data(), bytes.data(), bytes.size()) == 0;
-  }
-  return exact;
-}
-
 /// Ramps as PatternSource has them, of which neither the cameras nor the test need a copy a frame.
 sim::FrameSource FullSizeSource(int cameras, int shots) {
   auto images = std::make_shared<std::vector<std::shared_ptr<const sim::ServedImage>>>();
@@ -66,23 +53,100 @@ sim::FrameSource FullSizeSource(int cameras, int shots) {
 TEST(CaptureSession, NinetyCamerasTwentyPulsesEveryByteAsServed) {
   constexpr int kCameras = 90;
   constexpr int kShots = 2;  // different pictures a camera
+  constexpr int kWithoutLoss = 20;
+  constexpr int kWithLoss = 2;
   SimulatedRig::Options options = RigOf("127.32.1", kCameras);
   options.like = {};  // 1200x1600
   options.source = FullSizeSource(kCameras, kShots);
+  options.restart_frame_ids = false;  // so that each frame's number tells which pulse it is of
   SimulatedRig rig(options);
   rig.capture().retries = 0;
   rig.capture().timing.deadline_ms = 20000;  // other tests may have the machine
   const auto session = rig.Open();
   ASSERT_TRUE(session) << session.error().ToString();
   ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), size_t{kCameras});
-  for (int pulse = 0; pulse < 20; ++pulse) {
+  const std::vector<CameraState> warmed_up = (*session)->States();
+  for (int pulse = 0; pulse < kWithoutLoss + kWithLoss; ++pulse) {
+    const bool lossy = pulse >= kWithoutLoss;
+    for (int i = 0; lossy && i < kCameras; ++i) {
+      ASSERT_TRUE(rig.server().SetFault(i, {FaultKind::kDropPackets, 0.05, 0}));
+    }
     rig.server().SetShot(pulse);
     const auto shot = (*session)->Capture();
     ASSERT_TRUE(shot) << shot.error().ToString();
-    EXPECT_TRUE(shot->complete()) << shot->Summary();
-    ASSERT_EQ(shot->cameras[0].frame->width_px, 1200);
-    ASSERT_EQ(shot->cameras[0].frame->height_px, 1600);
-    EXPECT_EQ(ExactFrames(options, rig.server(), *shot, pulse), kCameras) << "pulse " << pulse;
+    ASSERT_TRUE(shot->complete()) << "pulse " << pulse << ": " << shot->Summary();
+    for (size_t i = 0; i < kCameras; ++i) {
+      const CameraFrame& frame = *shot->cameras[i].frame;
+      EXPECT_EQ(frame.width_px, 1200);
+      EXPECT_EQ(frame.height_px, 1600);
+      EXPECT_EQ(frame.frame_id, *warmed_up[i].last_frame_id + 1 + static_cast<uint64_t>(pulse));
+    }
+    EXPECT_EQ(rig.ExactFrames(*shot, pulse), kCameras) << "pulse " << pulse;
+    if (lossy) {
+      EXPECT_GT(shot->ResentPackets(), 500u) << "5 % of 90 x 217 packets are 976";
+    }
+  }
+}
+
+/// What the cameras were set to when they exposed.
+struct Seen {
+  std::mutex mutex;
+  std::vector<sim::Exposure> exposures;
+};
+
+TEST(CaptureSession, SettingsArriveInTheCamerasAndStatesTellThem) {
+  Seen seen;
+  SimulatedRig::Options options = RigOf("127.32.20", 2);
+  options.source = [&seen, pattern = options.source](const sim::Exposure& exposure) {
+    const std::lock_guard lock(seen.mutex);
+    seen.exposures.push_back(exposure);
+    return pattern(exposure);
+  };
+  SimulatedRig rig(options);
+  CameraSettings& wanted = rig.capture().settings;
+  wanted.width_px = 200;
+  wanted.height_px = 120;
+  wanted.pixel_format = "Mono8";
+  wanted.exposure_us = 2500;
+  wanted.gain_db = 6;
+  wanted.packet_size_bytes = 1400;
+  // Two cameras on 1 Gbit/s; each may use 0.45 Gbit/s: 1438 bytes every 25.564 us, 11.504 of it the
+  // packet's own.
+  rig.capture().uplinks = {{"loop", 1000, 1000}};
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u) << (*session)->States()[0].problem;
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  ASSERT_TRUE(shot->complete()) << shot->Summary();
+  EXPECT_EQ(shot->cameras[1].frame->width_px, 200);
+  EXPECT_EQ(shot->cameras[1].frame->height_px, 120);
+  EXPECT_EQ(shot->cameras[1].frame->pixel_format, "Mono8");
+  const CameraState state = (*session)->States()[1];
+  EXPECT_EQ(state.settings.width_px, 200);
+  EXPECT_EQ(state.settings.height_px, 120);
+  EXPECT_EQ(state.settings.pixel_format, "Mono8");
+  EXPECT_EQ(state.settings.exposure_us, 2500);
+  EXPECT_EQ(state.settings.gain_db, 6);
+  EXPECT_EQ(state.settings.packet_size_bytes, 1400);
+  EXPECT_NEAR(static_cast<double>(state.settings.packet_delay_ns), 25564.4 - 11504, 1);
+  EXPECT_EQ(state.settings.payload_bytes, size_t{200} * 120);
+  EXPECT_EQ(state.identity.address, "127.32.20.2");
+  EXPECT_EQ(state.identity.serial, "SIM00002");
+  EXPECT_EQ(state.identity.vendor, "Rotunda");
+  EXPECT_EQ(state.identity.model, "SimulatedGigE");
+  EXPECT_EQ(state.identity.firmware, "1.0.0");
+  EXPECT_TRUE(state.health.control_held);
+  ASSERT_TRUE(state.health.temperature_deg_c);
+  EXPECT_NEAR(*state.health.temperature_deg_c, 41, 3);
+  EXPECT_EQ(state.last_frame_id, shot->cameras[1].frame->frame_id);
+  EXPECT_EQ(state.last_verdict, "ok");
+  const std::lock_guard lock(seen.mutex);
+  ASSERT_FALSE(seen.exposures.empty());
+  for (const sim::Exposure& exposure : seen.exposures) {
+    EXPECT_EQ(exposure.format, sim::PixelFormat::kMono8);
+    EXPECT_EQ(exposure.exposure_us, 2500);
+    EXPECT_EQ(exposure.gain_db, 6);
   }
 }
 
@@ -103,10 +167,13 @@ TEST(CaptureSession, LostPacketsAreSentAgain) {
     const auto shot = (*session)->Capture();
     ASSERT_TRUE(shot) << shot.error().ToString();
     EXPECT_TRUE(shot->complete()) << shot->Summary();
-    EXPECT_EQ(ExactFrames(options, rig.server(), *shot, pulse), 20);
+    EXPECT_EQ(rig.ExactFrames(*shot, pulse), 20);
     resent += shot->ResentPackets();
   }
   EXPECT_GT(resent, 200u);  // 5 % of 5 x 20 x 82 packets are 410
+  uint64_t told = 0;
+  for (const CameraState& state : (*session)->States()) told += state.counters.resent_packets;
+  EXPECT_GE(told, resent);
 }
 
 TEST(CaptureSession, CamerasThatCountOnAreAsGoodAsThoseThatRestart) {
@@ -163,7 +230,7 @@ TEST(CaptureSession, ALateFrameOfTheFirstPulseIsNotTakenForThatOfTheSecond) {
   ASSERT_TRUE(shot) << shot.error().ToString();
   EXPECT_TRUE(shot->complete()) << shot->Summary();
   EXPECT_EQ(shot->pulses, 2);
-  EXPECT_EQ(ExactFrames(options, rig.server(), *shot, 1), 4);
+  EXPECT_EQ(rig.ExactFrames(*shot, 1), 4);
 }
 
 TEST(CaptureSession, ClocksThatAreFarApartAreCompared) {
@@ -253,8 +320,7 @@ TEST(CaptureSession, PreviewsOneCamera) {
   ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
   const auto frame = (*session)->Preview("c001");
   ASSERT_TRUE(frame) << frame.error().ToString();
-  const auto bytes = test::ServedBytes(options.source, rig.server().camera(1), 1, 0);
-  EXPECT_EQ(std::memcmp(frame->memory.data(), bytes.data(), bytes.size()), 0);
+  EXPECT_TRUE(rig.IsAsServed(*frame, 1, 0));
   EXPECT_FALSE((*session)->Preview("c099"));
   const auto shot = (*session)->Capture();
   ASSERT_TRUE(shot);

@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <cstring>
+#include <opencv2/imgcodecs.hpp>
+#include <vector>
 
 #include "rig/aravis_camera.h"
 #include "rig/frame_set_writer.h"
@@ -79,6 +82,31 @@ TEST_F(GpiodTrigger, NamesChipAndLineWhenTheyFail) {
   EXPECT_FALSE(gpio_->LineIsHeld());
 }
 
+TEST_F(GpiodTrigger, ALineThatDidNotFallIsLoweredOnceMore) {
+  auto line = OpenGpiodTriggerLine({"/dev/gpiochip0", 4, false});
+  ASSERT_TRUE(line) << line.error().ToString();
+  gpio_->BreakNextFall();
+  const auto pulse = (*line)->Pulse(1ms);
+  ASSERT_FALSE(pulse) << "how long it was is not known";
+  EXPECT_EQ(pulse.error().code, ErrorCode::kIo);
+  ASSERT_EQ(gpio_->edges().size(), 2u);
+  EXPECT_FALSE(gpio_->edges()[1].high);
+  EXPECT_TRUE((*line)->Pulse(1ms)) << "the next one is as good as any";
+}
+
+TEST_F(GpiodTrigger, ALineThatAnotherProgramHasIsTakenOnceItIsFree) {
+  gpio_->Occupy(true);
+  const auto taken = OpenGpiodTriggerLine({"/dev/gpiochip0", 4, false});
+  ASSERT_FALSE(taken);
+  EXPECT_EQ(taken.error().code, ErrorCode::kIo);
+  EXPECT_EQ(taken.error().context, "/dev/gpiochip0 line 4");
+  EXPECT_NE(taken.error().message.find("busy"), std::string::npos) << taken.error().message;
+  EXPECT_TRUE(gpio_->requests().empty());
+  gpio_->Occupy(false);
+  const auto line = OpenGpiodTriggerLine({"/dev/gpiochip0", 4, false});
+  EXPECT_TRUE(line) << line.error().ToString();
+}
+
 TEST_F(GpiodTrigger, FromTheLineToTheFrameSet) {
   constexpr int kCameras = 12;
   test::SimulatedRig::Options options;
@@ -110,7 +138,14 @@ TEST_F(GpiodTrigger, FromTheLineToTheFrameSet) {
   const auto set = ReadFrameSet(folder / "set");
   ASSERT_TRUE(set) << set.error().ToString();
   ASSERT_EQ(set->frames.size(), size_t{kCameras});
-  for (const Frame& frame : set->frames) EXPECT_EQ(frame.status, "ok");
+  for (int i = 0; i < kCameras; ++i) {
+    const Frame& frame = set->frames[static_cast<size_t>(i)];
+    EXPECT_EQ(frame.status, "ok");
+    const cv::Mat picture = cv::imread(set->folder / frame.file, cv::IMREAD_UNCHANGED);
+    const std::vector<uint8_t> served = rig.Served(i, 0);
+    ASSERT_EQ(picture.total() * picture.elemSize(), served.size());
+    EXPECT_EQ(std::memcmp(picture.data, served.data(), served.size()), 0) << frame.camera;
+  }
   EXPECT_EQ(set->trigger.at("source"), TriggerValue("gpio"));
 }
 

@@ -12,6 +12,7 @@
 #include <fstream>
 #include <mutex>
 #include <stdexcept>
+#include <utility>
 
 namespace rotunda::test {
 
@@ -23,10 +24,12 @@ struct MockGpio::Impl {
   std::vector<Edge> edges;
   bool high = false;
   bool broken = false;
+  bool next_fall_fails = false;
+  bool occupied = false;
   std::function<void()> on_rise;
 
   bool Handle(UMockdevIoctlClient* client);
-  void Set(bool to_high);
+  bool Set(bool to_high);
 };
 
 namespace {
@@ -59,12 +62,15 @@ gboolean OnIoctl(UMockdevIoctlBase*, UMockdevIoctlClient* client, gpointer impl)
 
 }  // namespace
 
-void MockGpio::Impl::Set(bool to_high) {
+/// False: it fails.
+bool MockGpio::Impl::Set(bool to_high) {
+  if (broken || (!to_high && std::exchange(next_fall_fails, false))) return false;
   const bool rises = to_high && !high;
   high = to_high;
   const auto now = std::chrono::steady_clock::now().time_since_epoch();
   edges.push_back({to_high, std::chrono::duration_cast<std::chrono::nanoseconds>(now).count()});
   if (rises && on_rise) on_rise();
+  return true;
 }
 
 bool MockGpio::Impl::Handle(UMockdevIoctlClient* client) {
@@ -87,6 +93,11 @@ bool MockGpio::Impl::Handle(UMockdevIoctlClient* client) {
       break;
     }
     case static_cast<unsigned>(GPIO_GET_LINEHANDLE_IOCTL): {
+      if (occupied) {
+        result = -1;
+        error = EBUSY;
+        break;
+      }
       auto request = Argument<gpiohandle_request>(argument);
       request.fd = ::open(kLine, O_RDWR | O_CLOEXEC);
       requests.push_back({request.lineoffsets[0], (request.flags & GPIOHANDLE_REQUEST_OUTPUT) != 0,
@@ -97,11 +108,9 @@ bool MockGpio::Impl::Handle(UMockdevIoctlClient* client) {
     }
     case static_cast<unsigned>(GPIOHANDLE_SET_LINE_VALUES_IOCTL): {
       const auto data = Argument<gpiohandle_data>(argument);
-      if (broken) {
+      if (!Set(data.values[0] != 0)) {
         result = -1;
         error = EIO;
-      } else {
-        Set(data.values[0] != 0);
       }
       break;
     }
@@ -152,6 +161,16 @@ const std::vector<MockGpio::Edge>& MockGpio::edges() const { return impl_->edges
 void MockGpio::Break() {
   const std::lock_guard lock(impl_->mutex);
   impl_->broken = true;
+}
+
+void MockGpio::BreakNextFall() {
+  const std::lock_guard lock(impl_->mutex);
+  impl_->next_fall_fails = true;
+}
+
+void MockGpio::Occupy(bool occupied) {
+  const std::lock_guard lock(impl_->mutex);
+  impl_->occupied = occupied;
 }
 
 void MockGpio::OnRise(std::function<void()> call) {

@@ -35,6 +35,10 @@ class MockGpio {
   const std::vector<Edge>& edges() const;
   /// From now on setting a line fails.
   void Break();
+  /// The next time a line is lowered that fails.
+  void BreakNextFall();
+  /// While it is so, another program has all lines.
+  void Occupy(bool occupied);
   /// Called at every rising edge.
   void OnRise(std::function<void()> call);
   /// True while the descriptor of the last request is open.

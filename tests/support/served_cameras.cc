@@ -8,9 +8,11 @@ namespace rotunda::test {
 
 ServedCameras::ServedCameras(Options options) : options_(std::move(options)) {
   server_ = std::thread([this] {
-    outcome_ = RunProcess({options_.command, "simulate", "--serve", options_.frame_set.string(),
-                           "--block", options_.block, "--socket", socket()},
-                          [this] { return done_.load(); });
+    std::vector<std::string> arguments = {
+        options_.command, "simulate",     "--serve",  options_.frame_set.string(),
+        "--block",        options_.block, "--socket", socket()};
+    arguments.insert(arguments.end(), options_.more.begin(), options_.more.end());
+    outcome_ = RunProcess(arguments, [this] { return done_.load(); });
     ended_ = true;
   });
   while (!ended_ && Send({"list"}).exit_code != 0) {

@@ -14,9 +14,10 @@ namespace rotunda::test {
 class ServedCameras {
  public:
   struct Options {
-    std::string command;  // the program `rotunda`
-    std::filesystem::path frame_set;
-    std::string block;  // "127.42.1"
+    std::string command;                 // the program `rotunda`
+    std::filesystem::path frame_set;     // empty: they show what would be rendered
+    std::string block;                   // "127.42.1"
+    std::vector<std::string> more = {};  // arguments
   };
   /// Returns when the cameras are there. Throws when they did not come.
   explicit ServedCameras(Options options);

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <stdexcept>
 
@@ -16,9 +17,10 @@ SimulatedRig::SimulatedRig(const Options& options) : options_(options) {
   server.block = sim::ParseAddressBlock(options.block).value();
   server.cameras = sim::MakeCameras(options.cameras, options.like);
   server.restart_frame_ids = options.restart_frame_ids;
-  server.source = options.source
-                      ? options.source
-                      : sim::PatternSource(options.like.width_px, options.like.height_px);
+  if (!options_.source) {
+    options_.source = sim::PatternSource(options.like.width_px, options.like.height_px);
+  }
+  server.source = options_.source;
   server.socket = std::filesystem::temp_directory_path() /
                   ("rotunda-" + options.block + "-" + std::to_string(::getpid()));
   auto started = sim::CameraServer::Start(server);
@@ -42,6 +44,27 @@ std::string SimulatedRig::CameraName(int camera) const {
 Result<std::unique_ptr<rig::CaptureSession>> SimulatedRig::Open() {
   return rig::CaptureSession::Open(
       capture_, {rig::OpenAravisCamera, std::make_unique<sim::SocketTrigger>(server_->socket())});
+}
+
+std::vector<uint8_t> SimulatedRig::Served(int camera, int shot) const {
+  return ServedBytes(options_.source, server_->camera(camera), camera, shot);
+}
+
+bool SimulatedRig::IsAsServed(const rig::CameraFrame& frame, int camera, int shot) const {
+  const std::vector<uint8_t> bytes = Served(camera, shot);
+  const size_t size = rig::BytesPerPixel(frame.pixel_format) * static_cast<size_t>(frame.width_px) *
+                      static_cast<size_t>(frame.height_px);
+  return frame.complete && size == bytes.size() &&
+         std::memcmp(frame.memory.data(), bytes.data(), size) == 0;
+}
+
+int SimulatedRig::ExactFrames(const rig::Shot& taken, int shot) const {
+  int exact = 0;
+  for (size_t i = 0; i < taken.cameras.size(); ++i) {
+    const auto& frame = taken.cameras[i].frame;
+    exact += frame && IsAsServed(*frame, static_cast<int>(i), shot);
+  }
+  return exact;
 }
 
 std::vector<uint8_t> ServedBytes(const sim::FrameSource& source, const sim::SimulatedCamera& camera,

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "rig/capture_session.h"
 #include "rig/sim/camera_server.h"
@@ -26,6 +28,12 @@ class SimulatedRig {
   /// Through Aravis, fired through the server's socket.
   Result<std::unique_ptr<rig::CaptureSession>> Open();
   std::string CameraName(int camera) const;
+  /// What `camera` sees in shot number `shot`, as the bytes of a frame.
+  std::vector<uint8_t> Served(int camera, int shot) const;
+  /// Whether `frame` has exactly these bytes.
+  bool IsAsServed(const rig::CameraFrame& frame, int camera, int shot) const;
+  /// How many cameras of `taken` have exactly the bytes that they saw in shot number `shot`.
+  int ExactFrames(const rig::Shot& taken, int shot) const;
 
  private:
   Options options_;

@@ -2,11 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -193,6 +195,32 @@ TEST_F(CaptureCommand, AShotWhoseFolderGoesAwayIsKeptElsewhere) {
   EXPECT_EQ(sets, 1) << shot.errors;
 }
 
+TEST_F(CaptureCommand, ADiskThatDoesNotAnswerIsToldAndTheShotIsKept) {
+  using Clock = std::chrono::steady_clock;
+  const std::string hang = *folder_ / "hang";
+  std::ofstream(hang) << "";
+  std::optional<Clock::time_point> waits_since;
+  const ProcessOutcome shot =
+      RunProcess({"env", "LD_PRELOAD=" HANGING_FSYNC, "ROTUNDA_TEST_HANG=" + hang, ROTUNDA_COMMAND,
+                  "capture", "--rig", *folder_ / "rig.toml", "--simulated", cameras_->socket(),
+                  "--out", *folder_ / "slow"},
+                 [&] {
+                   if (!waits_since && std::filesystem::exists(hang + ".waiting"))
+                     waits_since = Clock::now();
+                   // Twice as long as it takes to be told.
+                   if (waits_since && Clock::now() > *waits_since + std::chrono::seconds(6)) {
+                     std::filesystem::remove(hang);
+                   }
+                   return false;
+                 });
+  EXPECT_EQ(shot.exit_code, 0) << shot.errors;
+  EXPECT_TRUE(Contains(shot.errors, "the disk does not answer; the frames stay in memory"))
+      << shot.errors;
+  const auto set = ReadFrameSet(*folder_ / "slow");
+  ASSERT_TRUE(set) << set.error().ToString();
+  EXPECT_EQ(set->trigger.at("complete"), TriggerValue(true));
+}
+
 TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   const ProcessOutcome all = Run({"cameras", "--rig", *folder_ / "rig.toml", "--json"});
   ASSERT_EQ(all.exit_code, 0) << all.errors;
@@ -200,6 +228,12 @@ TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   ASSERT_EQ(cameras.size(), 4u);
   EXPECT_EQ(cameras[0].at("condition"), "ready");
   EXPECT_EQ(cameras[0].at("address"), std::string(kBlock) + ".1");
+  EXPECT_EQ(cameras[0].at("serial"), "CAPT0");
+  EXPECT_EQ(cameras[0].at("model"), "SimulatedGigE");
+  EXPECT_EQ(cameras[0].at("firmware"), "1.0.0");
+  EXPECT_NEAR(cameras[0].at("temperature_deg_c").get<double>(), 41, 3);
+  EXPECT_EQ(cameras[0].at("packet_size_bytes"), 9000);
+  EXPECT_EQ(cameras[0].at("resent_packets"), 0);
   EXPECT_EQ(cameras[0].at("control_held"), true);
   EXPECT_EQ(cameras[0].at("last_frame_id"), 1) << "of the warm-up";
   EXPECT_GE(cameras[0].at("last_frame_age_s"), 0.0);

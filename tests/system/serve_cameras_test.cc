@@ -81,6 +81,18 @@ TEST_F(ServeCameras, ArvToolListsAndReadsThem) {
   EXPECT_TRUE(Contains(features.output, "'TriggerSoftware'")) << features.output;
 }
 
+TEST_F(ServeCameras, ShowWhatWouldBeRendered) {
+  ServedCameras served({ROTUNDA_COMMAND,
+                        "",
+                        "127.42.4",
+                        {"--cameras", "2", "--scale", "0.1", "--target", "cuboid", "--seed", "5"}});
+  EXPECT_TRUE(Contains(served.Send({"list"}).output, "127.42.4.2 "));
+  const ProcessOutcome& ended = served.End();
+  EXPECT_EQ(ended.exit_code, 0) << ended.errors;
+  EXPECT_TRUE(Contains(ended.output, "2 cameras at 127.42.4.1 to 127.42.4.2: 120x160 BayerRG8"))
+      << ended.output;
+}
+
 TEST_F(ServeCameras, WrongUsageIsRefused) {
   EXPECT_EQ(Simulate({}).exit_code, 2);
   EXPECT_EQ(Simulate({"out", "--serve"}).exit_code, 2);

@@ -1,0 +1,189 @@
+#include "rig/aravis_settings.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <thread>
+
+namespace rotunda::rig {
+namespace {
+
+using Clock = Camera::Clock;
+using std::chrono::milliseconds;
+
+constexpr auto kPtpPatience = std::chrono::seconds(15);
+constexpr auto kPtpPollInterval = milliseconds(100);
+constexpr int64_t kPtpOffsetLimit_ns = 10'000;
+
+// A value read back may differ by the camera's own steps.
+constexpr double kRelativeTolerance = 0.01;
+constexpr double kAbsoluteTolerance = 0.1;
+
+bool Near(double a, double b) {
+  return std::abs(a - b) <= std::max(kAbsoluteTolerance, kRelativeTolerance * std::abs(b));
+}
+
+std::string SizeText(int width, int height) {
+  return std::to_string(width) + "x" + std::to_string(height);
+}
+
+Error ReadBackError(const std::string& feature, const std::string& wanted,
+                    const std::string& found) {
+  return {ErrorCode::kFailed, "was set to " + wanted + ", but the camera has " + found, feature};
+}
+
+Status WriteTextIfOffered(ArvCamera* camera, const char* feature, const std::string& value) {
+  return HasFeature(camera, feature) ? WriteText(camera, feature, value) : Status();
+}
+
+Status WriteNumber(ArvCamera* camera, const char* feature, double value) {
+  GErrorSlot error;
+  arv_camera_set_float(camera, feature, value, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status(feature + (" = " + std::to_string(value))));
+  const double found = arv_camera_get_float(camera, feature, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status(feature));
+  if (Near(found, value)) return {};
+  return ReadBackError(feature, std::to_string(value), std::to_string(found));
+}
+
+}  // namespace
+
+bool HasFeature(ArvCamera* camera, const char* feature) {
+  return arv_camera_is_feature_available(camera, feature, nullptr);
+}
+
+Result<std::string> ReadText(ArvCamera* camera, const char* feature) {
+  GErrorSlot error;
+  const char* text = arv_camera_get_string(camera, feature, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status(feature));
+  return std::string(text == nullptr ? "" : text);
+}
+
+Status WriteText(ArvCamera* camera, const char* feature, const std::string& value) {
+  GErrorSlot error;
+  arv_camera_set_string(camera, feature, value.c_str(), error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status(feature + (" = " + value)));
+  ROTUNDA_ASSIGN_OR_RETURN(const std::string found, ReadText(camera, feature));
+  return found == value ? Status() : Status(ReadBackError(feature, value, found));
+}
+
+Status ApplyPicture(ArvCamera* camera, const CameraSettings& settings) {
+  GErrorSlot error;
+  int width = settings.width_px, height = settings.height_px;
+  if (width == 0 || height == 0) {
+    int sensor_width = 0, sensor_height = 0;
+    arv_camera_get_sensor_size(camera, &sensor_width, &sensor_height, error.out());
+    ROTUNDA_RETURN_IF_ERROR(error.status("sensor size"));
+    if (width == 0) width = sensor_width;
+    if (height == 0) height = sensor_height;
+  }
+  arv_camera_set_region(camera, 0, 0, width, height, error.out());
+  const std::string wanted = SizeText(width, height);
+  ROTUNDA_RETURN_IF_ERROR(error.status("picture size " + wanted));
+  int x = 0, y = 0, found_width = 0, found_height = 0;
+  arv_camera_get_region(camera, &x, &y, &found_width, &found_height, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("picture size"));
+  if (found_width != width || found_height != height) {
+    return ReadBackError("picture size", wanted, SizeText(found_width, found_height));
+  }
+  return WriteText(camera, "PixelFormat", settings.pixel_format);
+}
+
+Status ApplyExposure(ArvCamera* camera, const CameraSettings& settings) {
+  ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "ExposureMode", "Timed"));
+  ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "ExposureAuto", "Off"));
+  ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "GainAuto", "Off"));
+  GErrorSlot error;
+  arv_camera_set_exposure_time(camera, settings.exposure_us, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("exposure time " + std::to_string(settings.exposure_us)));
+  const double found = arv_camera_get_exposure_time(camera, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("exposure time"));
+  if (!Near(found, settings.exposure_us)) {
+    return ReadBackError("exposure time", std::to_string(settings.exposure_us) + " us",
+                         std::to_string(found) + " us");
+  }
+  if (!HasFeature(camera, "Gain")) return {};
+  return WriteNumber(camera, "Gain", settings.gain_db);
+}
+
+Status ApplyTriggerMode(ArvCamera* camera) {
+  ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "AcquisitionMode", "Continuous"));
+  ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "TriggerSelector", "FrameStart"));
+  ROTUNDA_RETURN_IF_ERROR(WriteText(camera, "TriggerMode", "On"));
+  return WriteTextIfOffered(camera, "TriggerActivation", "RisingEdge");
+}
+
+Result<int64_t> PtpOffset_ns(ArvCamera* camera) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::string state, ReadText(camera, "PtpStatus"));
+  if (state != "Slave") {
+    return Error{ErrorCode::kFailed, "is " + state + ", expected Slave (is there a PTP master?)",
+                 "PtpStatus"};
+  }
+  if (!HasFeature(camera, "PtpOffsetFromMaster")) return int64_t{0};
+  GErrorSlot error;
+  const int64_t offset = arv_camera_get_integer(camera, "PtpOffsetFromMaster", error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("PtpOffsetFromMaster"));
+  return offset;
+}
+
+Status CheckPtp(ArvCamera* camera) {
+  ROTUNDA_ASSIGN_OR_RETURN(const int64_t offset_ns, PtpOffset_ns(camera));
+  if (std::abs(offset_ns) <= kPtpOffsetLimit_ns) return {};
+  return Error{ErrorCode::kFailed,
+               "is " + std::to_string(offset_ns) + " ns, expected at most " +
+                   std::to_string(kPtpOffsetLimit_ns),
+               "PtpOffsetFromMaster"};
+}
+
+Status ApplyPtp(ArvCamera* camera) {
+  GErrorSlot error;
+  arv_camera_set_boolean(camera, "PtpEnable", TRUE, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("PtpEnable"));
+  const auto deadline = Clock::now() + kPtpPatience;
+  Status follows = CheckPtp(camera);
+  while (!follows && Clock::now() < deadline) {
+    std::this_thread::sleep_for(kPtpPollInterval);
+    follows = CheckPtp(camera);
+  }
+  return follows;
+}
+
+/// A camera that leaves shorter gaps than planned takes the others' part of the uplink, and one
+/// that leaves longer ones is late.
+Status ApplyPacketDelay(ArvCamera* camera, const BandwidthShare& bandwidth) {
+  GErrorSlot error;
+  const int packet_size = static_cast<int>(arv_camera_gv_get_packet_size(camera, error.out()));
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet size"));
+  const int64_t wanted_ns = PacketDelay_ns(packet_size, bandwidth);
+  arv_camera_gv_set_packet_delay(camera, wanted_ns, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
+  const int64_t found_ns = arv_camera_gv_get_packet_delay(camera, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
+  const double interval_ns = 8e9 * packet_size / bandwidth.link_bits_per_s;
+  const double tolerance_ns = kRelativeTolerance * (interval_ns + static_cast<double>(wanted_ns));
+  if (std::abs(static_cast<double>(found_ns - wanted_ns)) <= tolerance_ns) return {};
+  return ReadBackError("packet delay (GevSCPD)", std::to_string(wanted_ns) + " ns",
+                       std::to_string(found_ns) + " ns");
+}
+
+Result<AppliedSettings> ReadSettings(ArvCamera* camera, const CameraSettings& settings) {
+  GErrorSlot error;
+  AppliedSettings applied;
+  int x = 0, y = 0;
+  arv_camera_get_region(camera, &x, &y, &applied.width_px, &applied.height_px, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("picture size"));
+  applied.pixel_format = settings.pixel_format;  // compared when it was set
+  applied.exposure_us = arv_camera_get_exposure_time(camera, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("exposure time"));
+  if (HasFeature(camera, "Gain")) {
+    applied.gain_db = arv_camera_get_float(camera, "Gain", error.out());
+    ROTUNDA_RETURN_IF_ERROR(error.status("Gain"));
+  }
+  applied.packet_size_bytes = static_cast<int>(arv_camera_gv_get_packet_size(camera, error.out()));
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet size"));
+  applied.packet_delay_ns = arv_camera_gv_get_packet_delay(camera, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
+  return applied;
+}
+
+}  // namespace rotunda::rig
