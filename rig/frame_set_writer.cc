@@ -2,7 +2,6 @@
 
 #include <sys/resource.h>
 #include <unistd.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <atomic>
@@ -12,6 +11,7 @@
 #include <utility>
 
 #include "rig/png_encoder.h"
+#include "sfm/core/checksum.h"
 #include "sfm/core/file_io.h"
 
 namespace rotunda::rig {
@@ -29,13 +29,6 @@ void LowerPriorityOnce() {
   thread_local const bool lowered =
       ::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), kNiceness) == 0;
   static_cast<void>(lowered);
-}
-
-std::string HashText(std::string_view bytes) {
-  char text[17];
-  std::snprintf(text, sizeof(text), "%016llx",
-                static_cast<unsigned long long>(XXH3_64bits(bytes.data(), bytes.size())));
-  return text;
 }
 
 int ChannelsOf(const CameraFrame& frame) {
@@ -302,7 +295,7 @@ Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
         }
         ++signs_of_life_;
         sizes[i] = png->size();
-        set.frames[i].xxh3 = HashText(*png);
+        set.frames[i].xxh3 = Xxh3Text(*png);
         figures[i] = MeasurePicture(*frame);
       },
       stop.get_token());

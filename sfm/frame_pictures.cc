@@ -1,5 +1,7 @@
 #include "sfm/frame_pictures.h"
 
+#include "sfm/core/checksum.h"
+#include "sfm/core/file_io.h"
 #include "sfm/image_io.h"
 
 namespace rotunda::sfm {
@@ -14,6 +16,15 @@ Result<cv::Mat> ReadFramePicture(const FrameSet& set, ImageId id) {
     return error;
   }
   const cv::Mat& bgr = *read;
+  if (!frame.xxh3.empty()) {
+    ROTUNDA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(file));
+    if (const std::string found = Xxh3Text(bytes); found != frame.xxh3) {
+      return Error{ErrorCode::kBadInput,
+                   "the picture was changed after the capture: its checksum is " + found +
+                       ", the frame set says " + frame.xxh3 + "; " + HowToLeaveOut(set),
+                   file.string()};
+    }
+  }
   const bool size_known = frame.width_px > 0 && frame.height_px > 0;
   if (size_known && (bgr.cols != frame.width_px || bgr.rows != frame.height_px)) {
     return Error{ErrorCode::kBadInput,

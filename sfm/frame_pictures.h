@@ -21,8 +21,8 @@ class SerialOpenCv {
   int threads_;
 };
 
-/// The frame's picture as 8-bit BGR. Errors as ReadPicture; also kBadInput: it has another size
-/// than the frame set says, if that says one.
+/// The frame's picture as 8-bit BGR. Errors as ReadPicture; also kBadInput: it has another size or
+/// checksum than the frame set says, if that says one.
 Result<cv::Mat> ReadFramePicture(const FrameSet& set, ImageId id);
 
 }  // namespace rotunda::sfm

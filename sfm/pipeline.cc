@@ -107,6 +107,22 @@ Result<Tracks> MakeTracks(const Run& run, const FrontEnd& front) {
       [&](const Tracks& made) { return WriteTracks(made, run.File("tracks.bin")); });
 }
 
+/// Of which set the products in the folder of the stages are stands beside them. A folder without
+/// that was made by other hands.
+Status CheckStages(const Run& run) {
+  if (!run.options.stages_folder) return {};
+  const std::filesystem::path file = run.File("frameset.txt");
+  if (!run.options.start_from) return WriteFileAtomically(file, run.set.id + "\n");
+  const Result<std::string> text = ReadFile(file);
+  if (!text.ok() && text.error().code == ErrorCode::kNotFound) return {};
+  if (!text.ok()) return text.error();
+  const std::string made = text->substr(0, text->find('\n'));
+  if (made == run.set.id) return {};
+  return Error{ErrorCode::kBadInput,
+               "the stages are of the frame set '" + made + "', expected '" + run.set.id + "'",
+               run.options.stages_folder->string()};
+}
+
 /// Features that were made before are of this set: as many pictures, of its sizes, none of frames
 /// that are left out.
 Status CheckFeatures(const FrameSet& set, const Features& features) {
@@ -178,6 +194,8 @@ std::map<std::string, std::string> DescribeOptions(const Run& run, bool refine_i
       {"intrinsics", refine_intrinsics ? "refined" : "fixed"},
       {"max_keypoints", std::to_string(run.options.features.max_keypoints)},
       {"seed", std::to_string(run.context.seed)}};
+  if (run.options.method != Method::kPlain) described["preset"] = run.options.preset;
+  for (const auto& [name, value] : run.options.settings) described["set " + name] = value;
   return described;
 }
 
@@ -408,6 +426,7 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
                  set.folder.string()};
   }
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  ROTUNDA_RETURN_IF_ERROR(CheckStages(run));
   ROTUNDA_ASSIGN_OR_RETURN(FrontEnd front, RunFrontEnd(run));
 
   IncrementalOptions incremental = options.incremental;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -48,6 +49,9 @@ struct PipelineOptions {
   TrackGraphOptions track_graph;
   CommunityOptions communities;
   SegmentOptions segments;
+  /// By what the options above were set, to be told with the result (sfm/presets.h).
+  std::string preset = "rig";
+  std::map<std::string, std::string> settings;
   /// COLMAP database.db whose keypoints and matches are used in place of our own front end.
   std::optional<std::filesystem::path> database;
   /// Where features, matches, two-view geometries and tracks are written, for inspection and for

@@ -22,8 +22,11 @@ constexpr size_t kFewestFolded = 3;
 
 /// Cameras, swapped ones apart, that are not near their calibrated places.
 struct FarOff {
+  size_t compared = 0;
   size_t cameras = 0;            // turned by more than kFoldedRotation_deg, or far away
   std::vector<size_t> opposite;  // both
+  /// Without a majority in place nobody knows which cameras are.
+  bool NoneFits() const { return 2 * opposite.size() > compared; }
 };
 
 FarOff FindFarOff(const RigAlignment& alignment) {
@@ -33,32 +36,64 @@ FarOff FindFarOff(const RigAlignment& alignment) {
     if (!off || off->swapped_with) continue;
     const bool turned = off->rotation_deg > kFoldedRotation_deg;
     const bool away = off->position_mm > alignment.far_mm;
+    ++far_off.compared;
     far_off.cameras += turned || away;
     if (turned && away) far_off.opposite.push_back(i);
   }
   return far_off;
 }
 
+std::string Cameras(size_t count) {
+  return std::to_string(count) + (count == 1 ? " camera" : " cameras");
+}
+
+std::string FoldedReason(const FarOff& far_off) {
+  if (far_off.NoneFits()) {
+    return "not even half of the cameras stand to one another as calibrated (folded into several "
+           "layers, or the calibration is another rig's)";
+  }
+  return Cameras(far_off.opposite.size()) +
+         " on the wrong side, far from where the calibration has them";
+}
+
+void MakeUnsure(const std::string& reason, PoseSummary& summary) {
+  if (!summary.verdict.empty() && summary.verdict != VerdictName(Verdict::kSure)) return;
+  summary.verdict = VerdictName(Verdict::kUnsure);
+  summary.verdict_reason = reason;
+}
+
 /// What the calibration says of the verdict of the pictures: it makes it worse, never better. A
 /// sure verdict is not overruled: then cameras or the calibration may be others.
-void JudgeFarOff(const FarOff& far_off, PoseSummary& summary) {
-  const std::string sure = VerdictName(Verdict::kSure);
-  if (far_off.opposite.size() >= kFewestFolded && summary.verdict != sure) {
+void JudgeFarOff(const FarOff& far_off, bool disagrees, PoseSummary& summary) {
+  if (far_off.opposite.size() >= kFewestFolded && summary.verdict != VerdictName(Verdict::kSure)) {
     summary.folded = true;
     summary.margin.reset();
     summary.verdict = VerdictName(Verdict::kFolded);
-    summary.verdict_reason = std::to_string(far_off.opposite.size()) +
-                             " cameras are on the wrong side, far from where the calibration has "
-                             "them";
-  } else if (far_off.cameras == 0) {
+    summary.verdict_reason = FoldedReason(far_off);
+  } else if (far_off.cameras > 0) {
+    if (summary.verdict != VerdictName(Verdict::kFolded)) summary.folded.reset();
+    MakeUnsure(Cameras(far_off.cameras) +
+                   " far from where the calibration has them: mounted elsewhere, calibrated "
+                   "otherwise, or on the wrong side",
+               summary);
+  } else {
     if (!summary.folded) summary.folded = false;
-  } else if (summary.verdict.empty() || summary.verdict == sure) {
-    summary.folded.reset();
-    summary.verdict = VerdictName(Verdict::kUnsure);
-    summary.verdict_reason =
-        std::to_string(far_off.cameras) +
-        " cameras are far from where the calibration has them: mounted elsewhere, calibrated "
-        "otherwise, or on the wrong side";
+    if (disagrees) {
+      MakeUnsure(
+          "half of the cameras or more are off the calibration beyond their uncertainties: it is "
+          "another rig's, or the rig has changed as a whole",
+          summary);
+    }
+  }
+}
+
+void MarkFolded(const FarOff& far_off, std::vector<CameraPose>& cameras) {
+  for (CameraPose& camera : cameras) {
+    if (camera.vs_calibration) camera.vs_calibration->moved = false;
+  }
+  if (far_off.NoneFits()) return;
+  for (const size_t i : far_off.opposite) {
+    if (cameras[i].vs_calibration) cameras[i].vs_calibration->wrong_side = true;
   }
 }
 
@@ -117,9 +152,6 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
                            PoseSet& poses) {
   poses.metric = true;
   poses.aligned_to = calibration.id;
-  const FarOff far_off = FindFarOff(alignment);
-  JudgeFarOff(far_off, poses.summary);
-  const bool folded = poses.summary.folded.value_or(false);
   double rotation_sum_deg = 0, position_sum_mm = 0;
   size_t compared = 0;
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
@@ -127,19 +159,14 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
     if (!pose.registered) continue;
     pose.side = SideOf(pose.cam_from_rig);
     pose.vs_calibration = alignment.vs_calibration[i];
-    if (!pose.vs_calibration) continue;
-    if (folded) pose.vs_calibration->moved = false;
-    if (pose.vs_calibration->swapped_with) continue;
+    if (!pose.vs_calibration || pose.vs_calibration->swapped_with) continue;
     rotation_sum_deg += pose.vs_calibration->rotation_deg;
     position_sum_mm += pose.vs_calibration->position_mm;
     ++compared;
   }
-  if (folded) {
-    for (const size_t i : far_off.opposite) {
-      auto& off = poses.cameras[i].vs_calibration;
-      if (off) off->wrong_side = true;
-    }
-  }
+  const FarOff far_off = FindFarOff(alignment);
+  JudgeFarOff(far_off, DisagreesAsAWhole(poses.cameras, kMovedSigmas), poses.summary);
+  if (poses.summary.folded.value_or(false)) MarkFolded(far_off, poses.cameras);
   if (compared == 0) return;
   poses.summary.mean_rotation_deg = rotation_sum_deg / static_cast<double>(compared);
   poses.summary.mean_position_mm = position_sum_mm / static_cast<double>(compared);

@@ -80,7 +80,20 @@ const std::map<std::string, Setting, std::less<>>& Settings() {
 
 }  // namespace
 
+const char* PresetName(Preset preset) {
+  switch (preset) {
+    case Preset::kRig:
+      return "rig";
+    case Preset::kInternet:
+      return "internet";
+    case Preset::kLiteral:
+      return "literal";
+  }
+  return "";
+}
+
 void ApplyPreset(Preset preset, PipelineOptions& options) {
+  options.preset = PresetName(preset);
   if (preset == Preset::kLiteral) options.method = Method::kLiteral;
   if (preset == Preset::kInternet) options.tc_sfm.max_gap_deg.reset();
 }
@@ -100,7 +113,10 @@ Status SetOption(std::string_view key, std::string_view value, PipelineOptions& 
                      " and has no effect on " + MethodName(options.method),
                  std::string(key)};
   }
-  if (setting.set(value, options)) return {};
+  if (setting.set(value, options)) {
+    options.settings[std::string(key)] = value;
+    return {};
+  }
   return Error{ErrorCode::kInvalidArgument,
                "'" + std::string(value) + "' was given, a number, \"on\" or \"off\" is expected",
                std::string(key)};

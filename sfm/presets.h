@@ -14,6 +14,8 @@ enum class Preset {
   kLiteral,   // TC-SfM word for word, to compare with
 };
 
+const char* PresetName(Preset preset);  // "rig", "internet", "literal"
+
 /// Sets what the preset changes of the method tc-sfm.
 void ApplyPreset(Preset preset, PipelineOptions& options);
 

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "sfm/core/html_text.h"
+#include "sfm/rig_alignment.h"
 
 namespace rotunda::sfm::report {
 namespace {
@@ -257,6 +258,11 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
     if (!wrong.empty()) verdict.details.push_back("On the wrong side: " + Listed(wrong) + ".");
   }
   if (summary.verdict == "unsure") say(Level::kBad, "Unsure: " + summary.verdict_reason + ".");
+  const auto preset = poses.options.find("preset");
+  if (summary.verdict == "sure" && preset != poses.options.end() && preset->second == "internet") {
+    verdict.details.push_back(
+        "Preset internet: a fold that no match contradicts would not have been seen.");
+  }
   if (summary.verdict == "sure" && summary.margin) {
     verdict.details.push_back(LookAlikesToldApart(summary));
   }
@@ -291,6 +297,7 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
   const auto weak = NamesWhere(poses, [&](size_t i) { return cameras[i].level == Level::kLook; });
   if (!weak.empty()) verdict.details.push_back("Worth a look: " + Listed(weak) + ".");
   if (verdict.level == Level::kLook) verdict.mark = "Shot usable, look";
+  if (summary.verdict.empty() && !summary.folded) verdict.mark = "Shot not judged";
   if (verdict.level == Level::kBad) verdict.mark = "Shot bad";
   if (verdict.details.empty()) {
     verdict.details.push_back("Nothing stands out in residuals, uncertainties or observations.");
@@ -387,6 +394,13 @@ Verdict BuildRigVerdict(const ReportInput& input, const std::vector<CameraFacts>
             "Rig not checked",
             "Not checked for moved cameras",
             {"Where the cameras of a folded model stand says nothing of the rig."}};
+  }
+  if (DisagreesAsAWhole(poses.cameras, kMovedSigmas)) {
+    return {Level::kBad,
+            "Rig differs",
+            "The rig does not match the calibration",
+            {"Half of the cameras or more are off beyond their uncertainties: the calibration is "
+             "another rig's, or the rig has changed as a whole."}};
   }
   Verdict verdict{Level::kGood, "Rig in place", "No camera has moved", {}};
   const auto moved = NamesWhere(poses, [&](size_t i) { return cameras[i].moved; });

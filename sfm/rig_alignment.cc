@@ -12,7 +12,6 @@
 namespace rotunda::sfm {
 namespace {
 
-constexpr double kMovedSigmas = 6.0;
 /// A camera stands in a place of the calibration when every other place is farther by this factor.
 /// Poses of swapped cameras are worse than others: their lenses are each other's, too (half a per
 /// cent of the focal length is 1 cm at 2 m).
@@ -56,9 +55,10 @@ void MarkMoved(const std::vector<PoseSigma>& sigmas,
   for (size_t i = 0; i < differences.size(); ++i) {
     if (!differences[i]) continue;
     VsCalibration& off = *differences[i];
-    off.sigmas = std::max(InSigmas(off.rotation_deg, std::max(spread_deg, sigmas[i].rotation_deg)),
-                          InSigmas(off.position_mm, std::max(spread_mm, sigmas[i].position_mm)));
-    off.moved = off.sigmas > kMovedSigmas;
+    off.sigmas = std::max(InSigmas(off.rotation_deg, sigmas[i].rotation_deg),
+                          InSigmas(off.position_mm, sigmas[i].position_mm));
+    off.moved = off.rotation_deg > kMovedSigmas * std::max(spread_deg, sigmas[i].rotation_deg) ||
+                off.position_mm > kMovedSigmas * std::max(spread_mm, sigmas[i].position_mm);
   }
 }
 

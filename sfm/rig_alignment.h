@@ -21,12 +21,15 @@ struct RigAlignment {
   double far_mm = 0;
 };
 
+/// A camera has moved when it is off by more than this many of its sigmas.
+inline constexpr double kMovedSigmas = 6.0;
+
 /// Sim(3) of the camera centres onto the calibration's, robust so that moved cameras stand out. A
-/// camera has moved when its centre or its rotation is off by more than 6 robust standard
-/// deviations of all cameras (and of its own predicted error with the calibration's). Moved cameras
-/// that stand in one another's calibrated places, two or more in a ring, are swapped instead.
-/// Whether the model is folded is not judged here. kFailed with fewer than three registered cameras
-/// or all of them on one line.
+/// camera has moved when its centre or its rotation is off by more than kMovedSigmas robust
+/// standard deviations of all cameras (and of its own predicted error with the calibration's).
+/// Moved cameras that stand in one another's calibrated places, two or more in a ring, are swapped
+/// instead. Whether the model is folded is not judged here. kFailed with fewer than three
+/// registered cameras or all of them on one line.
 Result<RigAlignment> AlignToCalibration(const Reconstruction& reconstruction, const FrameSet& set,
                                         const Calibration& calibration,
                                         const PoseCovariances& covariances, uint64_t seed);

@@ -44,12 +44,15 @@ void PrintTable(const Evaluation& evaluation, bool per_camera) {
                   camera.position_mm);
     }
   }
+  std::printf("'%s' against the truth '%s'\n", evaluation.measured_id.c_str(),
+              evaluation.truth_id.c_str());
   std::printf("registered        %zu of %zu%s\n", evaluation.registered, evaluation.of,
               evaluation.folded ? ", FOLDED (a camera is more than 10 degrees off)" : "");
   if (!evaluation.not_in_truth.empty()) {
     std::string names;
     for (const std::string& name : evaluation.not_in_truth) names += " " + name;
-    std::printf("not in the truth %s\n", names.c_str());
+    std::printf("compared          %zu; not in the truth:%s\n", evaluation.cameras.size(),
+                names.c_str());
   }
   std::printf("rotation error    mean %.4f  median %.4f  max %.4f deg\n",
               evaluation.mean_rotation_deg, evaluation.median_rotation_deg,

@@ -6,6 +6,7 @@
 #include "daemon/cli/terminal.h"
 #include "daemon/model_export.h"
 #include "sfm/core/file_io.h"
+#include "sfm/core/pose_set.h"
 
 namespace rotunda::cli {
 namespace {
@@ -16,21 +17,40 @@ struct ExportArguments {
   std::string format;
 };
 
+/// Poses that are not to be trusted are written, but not without a word.
+std::string VerdictOf(const std::filesystem::path& reconstruction) {
+  const Result<PoseSet> poses = ReadPoseSet(reconstruction / "poses.json");
+  return poses.ok() ? poses->summary.verdict : "";
+}
+
+std::string ContentsOf(const daemon::ExportedModel& model, const std::string& format) {
+  const std::string points = std::to_string(model.points) + " points";
+  const std::string cameras = std::to_string(model.images) + " cameras";
+  if (format == "ply") return points;
+  if (format == "metashape" || format == "realitycapture") return cameras;
+  return cameras + " and " + points;
+}
+
 Status Export(const ExportArguments& arguments, const CommonOptions& common) {
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
   ROTUNDA_ASSIGN_OR_RETURN(
       const daemon::ExportedModel model,
       daemon::ExportModel(arguments.reconstruction, arguments.format, folder.path()));
   ROTUNDA_RETURN_IF_ERROR(folder.Commit());
+  const std::string verdict = VerdictOf(arguments.reconstruction);
+  if (verdict == "folded" || verdict == "unsure") {
+    std::fprintf(stderr, "rotunda: warning: the verdict on these poses is '%s'\n", verdict.c_str());
+  }
   if (common.json) {
     const nlohmann::ordered_json result = {{"out", arguments.out.string()},
                                            {"format", arguments.format},
+                                           {"verdict", verdict},
                                            {"images", model.images},
                                            {"points", model.points}};
     std::printf("%s\n", result.dump(1).c_str());
   } else {
-    std::printf("Wrote a model of %zu images and %zu points as %s to %s\n", model.images,
-                model.points, arguments.format.c_str(), arguments.out.c_str());
+    std::printf("Wrote %s as %s to %s\n", ContentsOf(model, arguments.format).c_str(),
+                arguments.format.c_str(), arguments.out.c_str());
   }
   return {};
 }

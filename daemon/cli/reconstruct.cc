@@ -1,5 +1,6 @@
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -60,26 +61,56 @@ Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) 
   return options;
 }
 
-void PrintJson(const ReconstructArguments& arguments, const sfm::PipelineResult& reconstruction,
-               const std::vector<StageCost>& costs) {
-  const PoseSummary& summary = reconstruction.poses.summary;
+nlohmann::ordered_json StagesJson(const std::vector<StageCost>& costs) {
   nlohmann::ordered_json stages = nlohmann::ordered_json::array();
   for (const StageCost& cost : costs) {
     stages.push_back({{"stage", cost.stage},
                       {"seconds", cost.seconds},
                       {"peak_memory_mb", cost.peak_memory_mb}});
   }
-  const nlohmann::ordered_json result = {{"out", arguments.out.string()},
-                                         {"registered", summary.registered},
-                                         {"of", summary.of},
-                                         {"points", summary.points},
-                                         {"models", summary.models},
-                                         {"verdict", summary.verdict},
-                                         {"verdict_reason", summary.verdict_reason},
-                                         {"mean_reprojection_px", summary.mean_reprojection_px},
-                                         {"rms_px", summary.rms_px},
-                                         {"notes", reconstruction.notes},
-                                         {"stages", stages}};
+  return stages;
+}
+
+/// Names of the cameras of which `pick` holds.
+std::vector<std::string> NamesWhere(const PoseSet& poses,
+                                    const std::function<bool(const CameraPose&)>& pick) {
+  std::vector<std::string> names;
+  for (const CameraPose& pose : poses.cameras) {
+    if (pick(pose)) names.push_back(pose.camera);
+  }
+  return names;
+}
+
+bool OnWrongSide(const CameraPose& pose) {
+  return pose.vs_calibration && pose.vs_calibration->wrong_side;
+}
+
+/// What the table tells, for machines.
+void PrintJson(const ReconstructArguments& arguments, const sfm::PipelineResult& reconstruction,
+               const std::vector<StageCost>& costs) {
+  const PoseSet& poses = reconstruction.poses;
+  const PoseSummary& summary = poses.summary;
+  nlohmann::ordered_json result = {{"out", arguments.out.string()},
+                                   {"registered", summary.registered},
+                                   {"of", summary.of},
+                                   {"points", summary.points},
+                                   {"models", summary.models},
+                                   {"scale", poses.metric ? "metric" : "arbitrary"},
+                                   {"verdict", summary.verdict},
+                                   {"verdict_reason", summary.verdict_reason},
+                                   {"mean_reprojection_px", summary.mean_reprojection_px},
+                                   {"rms_px", summary.rms_px}};
+  result["not_registered"] =
+      NamesWhere(poses, [](const CameraPose& pose) { return !pose.registered; });
+  result["moved"] = NamesWhere(poses, [](const CameraPose& pose) {
+    return pose.vs_calibration && pose.vs_calibration->moved;
+  });
+  result["swapped"] = NamesWhere(poses, [](const CameraPose& pose) {
+    return pose.vs_calibration && pose.vs_calibration->swapped_with;
+  });
+  result["wrong_side"] = NamesWhere(poses, OnWrongSide);
+  result["notes"] = reconstruction.notes;
+  result["stages"] = StagesJson(costs);
   std::printf("%s\n", result.dump(1).c_str());
 }
 
@@ -104,9 +135,6 @@ void PrintCamera(const CameraPose& pose) {
   const std::optional<VsCalibration>& off = pose.vs_calibration;
   if (!pose.registered) {
     std::printf("  not registered: %s: %s\n", pose.camera.c_str(), pose.reason.c_str());
-  } else if (off && off->wrong_side) {
-    std::printf("  on the wrong side: %s, off the calibration by %s\n", pose.camera.c_str(),
-                Displacement(*off).c_str());
   } else if (off && off->moved) {
     std::printf("  moved since the calibration: %s by %s\n", pose.camera.c_str(),
                 Displacement(*off).c_str());
@@ -123,6 +151,9 @@ void PrintTable(const ReconstructArguments& arguments, const sfm::PipelineResult
               summary.registered, summary.of, summary.points, summary.mean_reprojection_px,
               result.poses.metric ? ", metric in the rig frame" : ", arbitrary scale");
   PrintVerdict(summary);
+  std::string wrong;
+  for (const std::string& name : NamesWhere(result.poses, OnWrongSide)) wrong += " " + name;
+  if (!wrong.empty()) std::printf("  on the wrong side:%s\n", wrong.c_str());
   for (const CameraPose& pose : result.poses.cameras) PrintCamera(pose);
   for (const std::string& note : result.notes) std::printf("  note: %s\n", note.c_str());
   for (const StageCost& cost : costs) {

@@ -20,6 +20,7 @@
 #include "rig/sim/sensor.h"
 #include "rig/sim/studio.h"
 #include "sfm/core/calibration.h"
+#include "sfm/core/checksum.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
 
@@ -40,13 +41,6 @@ enum SeedOf : uint64_t {
 constexpr float kBodyVoxel_m = 0.0035f;
 constexpr float kBackdropStudio = 0.012f;  // above the curtain
 constexpr float kBackdropPlain = 0.09f;
-
-std::string FileHash(const std::string& bytes) {
-  char text[17];
-  std::snprintf(text, sizeof(text), "%016llx",
-                static_cast<unsigned long long>(XXH3_64bits(bytes.data(), bytes.size())));
-  return text;
-}
 
 Status Validate(const RigOptions& rig, const SimulateOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(rig.Validate());
@@ -171,7 +165,7 @@ Status WritePictures(const World& world, const Calibration& truth, const RigOpti
           errors[i] = png.error().In(frame.file);
           return;
         }
-        frame.xxh3 = FileHash(*png);
+        frame.xxh3 = Xxh3Text(*png);
         const Status written = WriteFileAtomically(folder / frame.file, *png);
         if (!written) errors[i] = written.error();
         const std::scoped_lock lock(progress);

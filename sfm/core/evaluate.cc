@@ -132,6 +132,8 @@ Result<Evaluation> EvaluatePoses(const PoseSet& poses, const Calibration& truth)
     pairs.Add(truth, {camera.camera, camera.cam_from_rig, {}, camera.sigma});
   }
   ROTUNDA_ASSIGN_OR_RETURN(Evaluation evaluation, Evaluate(pairs, true));
+  evaluation.measured_id = poses.frameset;
+  evaluation.truth_id = truth.id;
   evaluation.registered = registered;
   evaluation.of = poses.cameras.size();
   return evaluation;
@@ -143,6 +145,8 @@ Result<Evaluation> EvaluateCalibration(const Calibration& calibration, const Cal
     pairs.Add(truth, {camera.camera, camera.cam_from_rig, {}, camera.sigma});
   }
   ROTUNDA_ASSIGN_OR_RETURN(Evaluation evaluation, Evaluate(pairs, false));
+  evaluation.measured_id = calibration.id;
+  evaluation.truth_id = truth.id;
   evaluation.registered = pairs.pairs.size();
   evaluation.of = truth.cameras.size();
   return evaluation;
@@ -150,6 +154,8 @@ Result<Evaluation> EvaluateCalibration(const Calibration& calibration, const Cal
 
 std::string EvaluationToJson(const Evaluation& evaluation) {
   Json root;
+  root["measured"] = evaluation.measured_id;
+  root["truth"] = evaluation.truth_id;
   root["registered"] = evaluation.registered;
   root["of"] = evaluation.of;
   root["mean_rotation_deg"] = evaluation.mean_rotation_deg;

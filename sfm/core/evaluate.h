@@ -17,6 +17,7 @@ struct CameraError {
 
 /// Against truth, over the cameras that have a pose and are in the truth (TC-SFM.md 8).
 struct Evaluation {
+  std::string measured_id, truth_id;  // frame set (or calibration) and truth
   size_t registered = 0;  // cameras with a pose; of a calibration: those that are in the truth
   size_t of = 0;          // cameras of the frame set; of a calibration: of the truth
   double mean_rotation_deg = 0, median_rotation_deg = 0, max_rotation_deg = 0;

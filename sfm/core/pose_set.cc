@@ -197,6 +197,16 @@ std::vector<CameraPose> ReadCameras(const JsonField& field) {
 
 }  // namespace
 
+bool DisagreesAsAWhole(const std::vector<CameraPose>& cameras, double sigmas) {
+  size_t compared = 0, beyond = 0;
+  for (const CameraPose& camera : cameras) {
+    if (!camera.vs_calibration || camera.vs_calibration->swapped_with) continue;
+    ++compared;
+    beyond += camera.vs_calibration->sigmas > sigmas;
+  }
+  return compared > 0 && 2 * beyond >= compared;
+}
+
 std::string PoseSetToJson(const PoseSet& poses) {
   Json root;
   root["format"] = kPosesFormat;

@@ -24,8 +24,7 @@ struct VsCalibration {
   /// The model is folded, and what looks alike put this camera there. Of a folded model no camera
   /// is `moved`: nothing tells.
   bool wrong_side = false;
-  /// The larger of rotation and position in sigmas: of pose and calibration together, or of all
-  /// cameras' spread where that is larger.
+  /// The larger of rotation and position, in predicted sigmas of pose and calibration together.
   double sigmas = 0.0;
 };
 
@@ -54,6 +53,10 @@ struct SegmentSummary {
   size_t cameras = 0;
   std::vector<uint32_t> look_alikes;  // ids of segments, the most alike first; itself when periodic
 };
+
+/// Whether half of the cameras that were compared, or more, are off the calibration beyond
+/// `sigmas`: then it is not theirs, or the rig has changed as a whole, and no camera is odd.
+bool DisagreesAsAWhole(const std::vector<CameraPose>& cameras, double sigmas);
 
 struct PoseSummary {
   size_t registered = 0;

@@ -185,7 +185,7 @@ TEST(AddCalibrationFigures, CamerasOnTheWrongSideMakeItFoldedUnlessThePicturesAr
     EXPECT_EQ(poses.summary.verdict, "folded") << verdict;
     EXPECT_EQ(poses.summary.folded, true) << verdict;
     EXPECT_FALSE(poses.summary.margin.has_value()) << "it spoke for the other verdict";
-    EXPECT_EQ(poses.summary.verdict_reason.rfind("3 cameras are on the wrong side", 0), 0u)
+    EXPECT_EQ(poses.summary.verdict_reason.rfind("3 cameras on the wrong side", 0), 0u)
         << poses.summary.verdict_reason;
     for (size_t i = 0; i < poses.cameras.size(); ++i) {
       EXPECT_EQ(poses.cameras[i].vs_calibration->wrong_side, i < 3) << i;
@@ -201,8 +201,7 @@ TEST(AddCalibrationFigures, WhatIsFarOffMakesItUnsureAndNothingBetter) {
       if (verdict == std::string() && off.cameras == 4 && off.rotation_deg > 100) continue;
       const PoseSet poses = Judged(verdict, off).poses;
       EXPECT_EQ(poses.summary.verdict, "unsure") << verdict;
-      EXPECT_NE(poses.summary.verdict_reason.find(" cameras are far from where"),
-                std::string::npos);
+      EXPECT_NE(poses.summary.verdict_reason.find(" cameras far from where"), std::string::npos);
       EXPECT_FALSE(poses.summary.folded.has_value()) << "nothing tells";
       EXPECT_TRUE(poses.cameras[0].vs_calibration->moved);
       EXPECT_FALSE(poses.cameras[0].vs_calibration->wrong_side);
@@ -212,6 +211,31 @@ TEST(AddCalibrationFigures, WhatIsFarOffMakesItUnsureAndNothingBetter) {
   EXPECT_EQ(unsure.verdict, "unsure");
   EXPECT_EQ(unsure.verdict_reason, "of the pictures");
   EXPECT_FALSE(unsure.folded.has_value());
+}
+
+TEST(AddCalibrationFigures, WithoutAMajorityInPlaceNoCameraIsNamed) {
+  const PoseSet poses = Judged("unsure", {5, 170.0, 3000.0}).poses;
+  EXPECT_EQ(poses.summary.verdict, "folded");
+  EXPECT_NE(poses.summary.verdict_reason.find("not even half"), std::string::npos);
+  for (const CameraPose& camera : poses.cameras) {
+    EXPECT_FALSE(camera.vs_calibration->wrong_side || camera.vs_calibration->moved);
+  }
+}
+
+TEST(AddCalibrationFigures, ACalibrationThatHalfOfTheCamerasContradictIsNotTheirs) {
+  for (const size_t off : {3, 4}) {
+    Aligned aligned({0, 45, 90, 135, 180, 225, 270, 315});
+    for (size_t i = 0; i < off; ++i) {
+      aligned.alignment.vs_calibration[i]->sigmas = kMovedSigmas + 0.1;
+    }
+    aligned.poses.summary.verdict = "sure";
+    aligned.poses.summary.folded = false;
+    aligned.Add();
+    EXPECT_EQ(aligned.poses.summary.verdict, off == 4 ? "unsure" : "sure");
+    EXPECT_EQ(aligned.poses.summary.folded, false) << "all are near their places";
+    EXPECT_EQ(aligned.poses.summary.verdict_reason.find("another rig's") != std::string::npos,
+              off == 4);
+  }
 }
 
 TEST(AddCalibrationFigures, OfAModelThatThePicturesFoldedNoCameraHasMoved) {

@@ -56,6 +56,15 @@ TEST(Presets, LiteralIsThePapersReading) {
   EXPECT_FALSE(literal.merging.mean_cost);
 }
 
+TEST(SetOption, IsToldWithTheResult) {
+  PipelineOptions options;
+  ApplyPreset(Preset::kInternet, options);
+  ASSERT_TRUE(SetOption("unfolding", "off", options).ok());
+  EXPECT_FALSE(SetOption("unfolding", "perhaps", options).ok());
+  EXPECT_EQ(options.preset, "internet");
+  EXPECT_EQ(options.settings, (std::map<std::string, std::string>{{"unfolding", "off"}}));
+}
+
 TEST(SetOption, SwitchesGoOnAndOff) {
   using Field = bool& (*)(PipelineOptions&);
   const std::vector<std::pair<const char*, Field>> switches = {

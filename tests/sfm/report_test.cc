@@ -400,6 +400,19 @@ TEST_F(ReportTest, NamesACameraThatIsFartherOffThanErrorsAre) {
   EXPECT_EQ(doubtful.cameras[2].level, report::Level::kLook);
 }
 
+TEST_F(ReportTest, SaysThatTheCalibrationIsNotTheRigs) {
+  for (const size_t i : {1, 3, 5}) poses_.cameras[i].vs_calibration->sigmas = 30;
+  const report::Facts facts = report::BuildFacts(Input());
+  EXPECT_EQ(facts.rig.mark, "Rig differs");
+  EXPECT_EQ(facts.rig.level, report::Level::kBad);
+}
+
+TEST_F(ReportTest, SaysWhatThePresetCannotSee) {
+  poses_.summary.verdict = "sure";
+  poses_.options["preset"] = "internet";
+  EXPECT_NE(report::BuildFacts(Input()).shot.details[0].find("Preset internet"), std::string::npos);
+}
+
 TEST_F(ReportTest, NamesCalibratedCamerasWithoutAFrame) {
   CalibratedCamera absent = calibration_->cameras[0];
   absent.camera = "c09";
@@ -411,6 +424,7 @@ TEST_F(ReportTest, NamesCalibratedCamerasWithoutAFrame) {
 
 TEST_F(ReportTest, AMethodThatDoesNotJudgeIsNotTakenForGood) {
   poses_.summary.folded.reset();
+  EXPECT_EQ(report::BuildFacts(Input()).shot.mark, "Shot not judged");
   EXPECT_EQ(report::BuildFacts(Input()).shot.level, report::Level::kLook);
   poses_.summary.folded = false;  // the calibration tells
   EXPECT_EQ(report::BuildFacts(Input()).shot.level, report::Level::kGood);

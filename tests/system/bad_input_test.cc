@@ -130,6 +130,21 @@ const std::vector<Row>& Rows() {
          return Arguments{set};
        },
        {".png", "not a picture"}},
+      {"PictureOfAnotherCamera",
+       [](Folder, Folder set) {
+         const nlohmann::ordered_json frames = ReadJson(set / "frameset.json")["frames"];
+         fs::copy_file(set / frames[1]["file"].get<std::string>(), FirstPicture(set),
+                       fs::copy_options::overwrite_existing);
+         return Arguments{set};
+       },
+       {".png", "was changed after the capture", "checksum"}},
+      {"StagesOfAnotherSet",
+       [](Folder folder, Folder set) {
+         fs::create_directory(folder / "stages");
+         WriteText(folder / "stages" / "frameset.txt", "another\n");
+         return Arguments{set, "--stages", folder / "stages", "--start-from", "features"};
+       },
+       {"stages", "'another'", "expected 'simulated-"}},
       {"MissingPicture",
        [](Folder, Folder set) {
          fs::remove(FirstPicture(set));

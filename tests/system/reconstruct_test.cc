@@ -160,6 +160,7 @@ TEST_F(SimulatedCapture, ThePlainMethodStartsFromTracksTooAndGivesNoVerdict) {
   EXPECT_FALSE(plain["summary"].contains("verdict"));
   EXPECT_EQ(tc_sfm["method"], "tc-sfm");
   EXPECT_EQ(tc_sfm["summary"]["verdict"], "sure");
+  EXPECT_EQ(tc_sfm["options"]["preset"], "rig");
 }
 
 /// The cameras of a result that stand in another's place, with that.
@@ -261,6 +262,20 @@ TEST_F(SimulatedCapture, ExportsAreReadable) {
               std::string::npos);
     EXPECT_NE(Bytes(*folder_ / "export-nerfstudio" / "transforms.json").find("images/" + name),
               std::string::npos);
+  }
+}
+
+TEST_F(SimulatedCapture, ExportWarnsOfPosesThatAreNotSure) {
+  const fs::path model = *folder_ / "doubtful";
+  fs::copy(*folder_ / "out", model, fs::copy_options::recursive);
+  nlohmann::ordered_json poses = nlohmann::ordered_json::parse(Bytes(model / "poses.json"));
+  for (const std::string verdict : {"sure", "unsure", "folded"}) {
+    poses["summary"]["verdict"] = verdict;
+    std::ofstream(model / "poses.json") << poses;
+    const ProcessOutcome outcome =
+        Rotunda({"export", model, "--format", "ply", "--out", *folder_ / ("ply-" + verdict)});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
+    EXPECT_EQ(outcome.errors.find("warning") != std::string::npos, verdict != "sure") << verdict;
   }
 }
 

@@ -210,12 +210,16 @@ TEST(EvaluateCalibration, CountsAgainstTheTruth) {
 
 TEST(EvaluationToJson, HasTheKeysOfTheCommand) {
   Evaluation evaluation;
+  evaluation.measured_id = "person";
+  evaluation.truth_id = "world";
   evaluation.registered = 1;
   evaluation.of = 2;
   evaluation.mean_rotation_deg = 0.25;
   evaluation.position_error_over_sigma = 1.5;
   evaluation.cameras = {{"a", 0.25, 3.0}};
   EXPECT_EQ(EvaluationToJson(evaluation), R"({
+ "measured": "person",
+ "truth": "world",
  "registered": 1,
  "of": 2,
  "mean_rotation_deg": 0.25,
