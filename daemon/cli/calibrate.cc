@@ -110,7 +110,7 @@ void PrintChanges(const CalibrationOutcome& outcome) {
   const auto changes = outcome.Changes();
   if (!changes) return;
   if (changes->empty()) {
-    std::printf("Since the calibration compared with, no camera moved.\n");
+    std::printf("Since the calibration compared with, no camera moved and no lens changed.\n");
     return;
   }
   std::printf("Since the calibration compared with:\n");
@@ -242,9 +242,7 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Lens: opencv (default, 8 parameters), opencv5 (9: k3 as well), or full-opencv (12, for "
       "strong distortion; needs corners up to the edges of every picture). Lenses that are kept "
       "are of the model they were found with",
-      {{"opencv", rig::LensModel::kOpencv},
-       {"opencv5", rig::LensModel::kOpencv5},
-       {"full-opencv", rig::LensModel::kFullOpencv}});
+      rig::LensModelsByName());
   command->get_option("--model")->excludes("--fix-intrinsics-from");
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
