@@ -1,5 +1,6 @@
 #include "rig/board_detection.h"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -165,20 +166,43 @@ class FaceSearch {
     return area / std::max(px_per_square.col(0).norm(), px_per_square.col(1).norm());
   }
 
+  /// What a lens bends: the points' distances from the plane as a parabola, at `at`. Zero when the
+  /// points do not determine one.
+  static Eigen::Vector2d BendAt(const Eigen::Vector2d& at, const PlaneFit& plane,
+                                const std::vector<PlanePoint>& points) {
+    constexpr Eigen::Index kCoefficients = 6;
+    const auto count = static_cast<Eigen::Index>(points.size());
+    Eigen::MatrixXd powers(count, kCoefficients);
+    Eigen::MatrixX2d off(count, 2);
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const PlanePoint& point = points[static_cast<size_t>(i)];
+      const Eigen::Vector2d d = point.on_face - at;
+      powers.row(i) << 1, d.x(), d.y(), d.x() * d.x(), d.x() * d.y(), d.y() * d.y();
+      off.row(i) = point.pixel - plane.Pixel(point.on_face);
+    }
+    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> fit(powers);
+    if (count <= kCoefficients || fit.rank() < kCoefficients) return Eigen::Vector2d::Zero();
+    return fit.solve(off).row(0);
+  }
+
   void RejectBent() {
     const std::vector<std::optional<CornerFit>> before = found_;
     for (int corner = 0; corner < face_.CornerCount(); ++corner) {
       if (!before[corner]) continue;
-      const std::optional<PlaneFit> plane = PlaneFit::Fit(AroundIn(before, corner));
+      const Eigen::Vector2d at = OnFace(corner);
+      const std::vector<PlanePoint> around = AroundIn(before, corner);
+      const std::optional<PlaneFit> plane = PlaneFit::Fit(around);
       if (!plane) {
         continue;  // too few around: the markers beside it vouch for it
       }
-      const double side_px = Narrowest(plane->PixelsPerSquare(OnFace(corner)));
-      const double off_px = (plane->Pixel(OnFace(corner)) - before[corner]->pixel).norm();
-      if (off_px > options_.max_bent * side_px + 5 * before[corner]->sigma_px) {
-        found_[corner].reset();
-        rejected_[corner] = CornerRejection::kOffPattern;
-      }
+      const double most_px =
+          options_.max_bent * Narrowest(plane->PixelsPerSquare(at)) + 5 * before[corner]->sigma_px;
+      const Eigen::Vector2d off = plane->Pixel(at) - before[corner]->pixel;
+      if (off.norm() <= most_px) continue;
+      // The rim of a wide-angle lens bends more, but smoothly.
+      if ((off + BendAt(at, *plane, around)).norm() <= most_px) continue;
+      found_[corner].reset();
+      rejected_[corner] = CornerRejection::kOffPattern;
     }
   }
 

@@ -70,7 +70,8 @@ struct BoardDetectionOptions {
   /// Detectors find them to 0.02 to 0.05 of it; a marker of another board is off by 0.3 and more.
   double max_misplaced = 0.15;
   /// A corner may be this far from where the corners around it put it, as a share of a square's
-  /// side; lens and bow make 0.005.
+  /// side; lens and bow make 0.005. At the rim of a wide-angle lens it is up to 0.08: there it may
+  /// be this far from the parabola that the corners around it make.
   double max_bent = 0.03;
   /// Squares narrower than this give corners whose neighbours blur into them.
   double min_square_px = 7;
