@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <cstdio>
 #include <map>
 #include <system_error>
 #include <utility>
@@ -87,25 +86,6 @@ std::vector<std::string> Notes(const rig::BoardSightings& sightings,
   return notes;
 }
 
-std::vector<std::string> ChangesIn(const rig::CalibrationComparison& comparison) {
-  std::vector<std::string> changes;
-  char text[200];
-  for (const rig::CameraChange& change : comparison.cameras) {
-    if (change.moved) {
-      std::snprintf(text, sizeof(text), " moved by %.2f mm, %.3f deg (%.1f sigma)",
-                    change.position_mm, change.rotation_deg, change.sigmas);
-      changes.push_back(change.camera + text +
-                        (change.swapped_with ? ": it stands where " + *change.swapped_with +
-                                                   " was; are the two swapped?"
-                                             : ""));
-    }
-    if (change.other_serial) changes.push_back(change.camera + " has another serial number");
-  }
-  for (const std::string& camera : comparison.only_before) changes.push_back(camera + " is gone");
-  for (const std::string& camera : comparison.only_after) changes.push_back(camera + " is new");
-  return changes;
-}
-
 /// What POST /v1/calibrations asks for.
 struct CalibrationRequest {
   std::vector<std::string> captures;
@@ -113,12 +93,12 @@ struct CalibrationRequest {
   std::optional<std::string> frame_from, intrinsics_from, compare;
 };
 
-const std::map<std::string, rig::LensModel>& Models() {
-  static const std::map<std::string, rig::LensModel> models = {
-      {"opencv", rig::LensModel::kOpencv},
-      {"opencv5", rig::LensModel::kOpencv5},
-      {"full-opencv", rig::LensModel::kFullOpencv}};
-  return models;
+std::string LensModelNames() {
+  std::string names;
+  for (const auto& [name, model] : rig::LensModelsByName()) {
+    names += (names.empty() ? "\"" : ", \"") + name + "\"";
+  }
+  return names;
 }
 
 void ReadRequestFields(const JsonField& root, CalibrationRequest& request) {
@@ -127,8 +107,8 @@ void ReadRequestFields(const JsonField& root, CalibrationRequest& request) {
     root["captures"].Refuse("ids of 1 to " + std::to_string(kMaxShots) + " captures");
   }
   if (root["model"].present()) request.model = root["model"].String();
-  if (!Models().contains(request.model)) {
-    root["model"].Refuse("\"opencv\", \"opencv5\" or \"full-opencv\"");
+  if (!rig::LensModelsByName().contains(request.model)) {
+    root["model"].Refuse("one of " + LensModelNames());
   }
   const auto optional = [&](const char* key, std::optional<std::string>& value) {
     if (root[key].present()) value = root[key].String();
@@ -171,7 +151,7 @@ Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
     ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(store, id));
     task.framesets.push_back(store.CaptureFolder(capture.id));
   }
-  task.model = Models().at(request.model);
+  task.model = rig::LensModelsByName().at(request.model);
   ROTUNDA_ASSIGN_OR_RETURN(task.frame_from, ReadOurs(store, request.frame_from));
   ROTUNDA_ASSIGN_OR_RETURN(task.intrinsics_from, ReadOurs(store, request.intrinsics_from));
   std::optional<std::string> compare = request.compare;
@@ -288,7 +268,7 @@ size_t CalibrationOutcome::ShotsUsed() const {
 
 std::optional<std::vector<std::string>> CalibrationOutcome::Changes() const {
   if (!comparison) return std::nullopt;
-  return ChangesIn(*comparison);
+  return rig::ChangesIn(*comparison);
 }
 
 std::string CalibrationPage(const CalibrationTask& task, const CalibrationOutcome& outcome) {

@@ -1,5 +1,6 @@
 #include "rig/board_detection.h"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -38,7 +39,11 @@ constexpr double kMaxShift_px = 1.5;  // and more in small squares
 class FaceSearch {
  public:
   FaceSearch(const cv::Mat& grey, const BoardFace& face, const BoardDetectionOptions& options)
-      : grey_(grey), face_(face), options_(options), found_(face.CornerCount()) {}
+      : grey_(grey),
+        face_(face),
+        options_(options),
+        found_(face.CornerCount()),
+        rejected_(face.CornerCount()) {}
 
   void AddMarker(const FoundMarker& marker) {
     const std::vector<Eigen::Vector3d> corners = face_.MarkerInFace(marker.id);
@@ -62,6 +67,8 @@ class FaceSearch {
   }
 
   const std::vector<std::optional<CornerFit>>& found() const { return found_; }
+  /// Of corners in the picture that were looked for and not found.
+  const std::vector<std::optional<CornerRejection>>& rejected() const { return rejected_; }
 
  private:
   Eigen::Vector2d OnFace(int corner) const {
@@ -117,24 +124,40 @@ class FaceSearch {
     return NearestOf(std::move(near));
   }
 
+  bool InPicture(const Eigen::Vector2d& pixel) const {
+    return pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < grey_.cols && pixel.y() < grey_.rows;
+  }
+
   void Measure(int corner, const std::vector<PlanePoint>& points) {
     const std::optional<PlaneFit> plane = PlaneFit::Fit(points);
     if (!plane) return;
     CornerGuess guess;
     guess.pixel = plane->Pixel(OnFace(corner));
     guess.px_per_square = plane->PixelsPerSquare(OnFace(corner));
-    if (!guess.pixel.allFinite() || !guess.px_per_square.allFinite()) return;
+    if (!InPicture(guess.pixel) || !guess.px_per_square.allFinite()) return;
     const int across = face_.columns - 1;
     guess.top_left_black = face_.IsBlack(corner % across, corner / across);
     guess.marker_gap = 0.5 * (1 - face_.marker_m / face_.square_m);
+    const CornerMeasurement measured = MeasureNear(guess);
+    if (const auto* fit = std::get_if<CornerFit>(&measured)) {
+      found_[corner] = *fit;
+      rejected_[corner].reset();
+    } else {
+      rejected_[corner] = std::get<CornerRejection>(measured);
+    }
+  }
+
+  CornerMeasurement MeasureNear(CornerGuess guess) const {
     const double side_px = Narrowest(guess.px_per_square);
-    if (side_px < options_.min_square_px) return;
-    std::optional<CornerFit> fit = FitCorner(grey_, guess, options_.corners);
+    if (side_px < options_.min_square_px) return CornerRejection::kSmall;
+    const CornerMeasurement first = FitCorner(grey_, guess, options_.corners);
+    const auto* fit = std::get_if<CornerFit>(&first);
+    if (fit == nullptr) return first;
     const double most = std::max(kMaxShift_px, kMaxShift_squares * side_px);
-    if (!fit || (fit->pixel - guess.pixel).norm() > most) return;
+    if ((fit->pixel - guess.pixel).norm() > most) return CornerRejection::kOffPattern;
     // Again from where it is: the window then is symmetric about the corner.
     guess.pixel = fit->pixel;
-    found_[corner] = FitCorner(grey_, guess, options_.corners);
+    return FitCorner(grey_, guess, options_.corners);
   }
 
   /// Distance between opposite edges of a square, the smaller one.
@@ -143,19 +166,43 @@ class FaceSearch {
     return area / std::max(px_per_square.col(0).norm(), px_per_square.col(1).norm());
   }
 
+  /// What a lens bends: the points' distances from the plane as a parabola, at `at`. Zero when the
+  /// points do not determine one.
+  static Eigen::Vector2d BendAt(const Eigen::Vector2d& at, const PlaneFit& plane,
+                                const std::vector<PlanePoint>& points) {
+    constexpr Eigen::Index kCoefficients = 6;
+    const auto count = static_cast<Eigen::Index>(points.size());
+    Eigen::MatrixXd powers(count, kCoefficients);
+    Eigen::MatrixX2d off(count, 2);
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const PlanePoint& point = points[static_cast<size_t>(i)];
+      const Eigen::Vector2d d = point.on_face - at;
+      powers.row(i) << 1, d.x(), d.y(), d.x() * d.x(), d.x() * d.y(), d.y() * d.y();
+      off.row(i) = point.pixel - plane.Pixel(point.on_face);
+    }
+    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> fit(powers);
+    if (count <= kCoefficients || fit.rank() < kCoefficients) return Eigen::Vector2d::Zero();
+    return fit.solve(off).row(0);
+  }
+
   void RejectBent() {
     const std::vector<std::optional<CornerFit>> before = found_;
     for (int corner = 0; corner < face_.CornerCount(); ++corner) {
       if (!before[corner]) continue;
-      const std::optional<PlaneFit> plane = PlaneFit::Fit(AroundIn(before, corner));
+      const Eigen::Vector2d at = OnFace(corner);
+      const std::vector<PlanePoint> around = AroundIn(before, corner);
+      const std::optional<PlaneFit> plane = PlaneFit::Fit(around);
       if (!plane) {
         continue;  // too few around: the markers beside it vouch for it
       }
-      const double side_px = Narrowest(plane->PixelsPerSquare(OnFace(corner)));
-      const double off_px = (plane->Pixel(OnFace(corner)) - before[corner]->pixel).norm();
-      if (off_px > options_.max_bent * side_px + 5 * before[corner]->sigma_px) {
-        found_[corner].reset();
-      }
+      const double most_px =
+          options_.max_bent * Narrowest(plane->PixelsPerSquare(at)) + 5 * before[corner]->sigma_px;
+      const Eigen::Vector2d off = plane->Pixel(at) - before[corner]->pixel;
+      if (off.norm() <= most_px) continue;
+      // The rim of a wide-angle lens bends more, but smoothly.
+      if ((off + BendAt(at, *plane, around)).norm() <= most_px) continue;
+      found_[corner].reset();
+      rejected_[corner] = CornerRejection::kOffPattern;
     }
   }
 
@@ -164,6 +211,7 @@ class FaceSearch {
   const BoardDetectionOptions& options_;
   std::vector<PlanePoint> marker_points_;
   std::vector<std::optional<CornerFit>> found_;
+  std::vector<std::optional<CornerRejection>> rejected_;
 };
 
 std::set<std::string> DictionariesOf(const Board& board) {
@@ -252,11 +300,13 @@ void FindCorners(const cv::Mat& grey, const Board& board, const BoardDetectionOp
     }
     search.Search();
     for (size_t corner = 0; corner < search.found().size(); ++corner) {
-      const std::optional<CornerFit>& fit = search.found()[corner];
-      if (!fit) continue;
-      detection->corners.push_back(
-          {static_cast<int>(f), static_cast<int>(corner), fit->pixel, fit->sigma_px});
-      widths.push_back(kWidthOfSigma * fit->blur_px);
+      const int face = static_cast<int>(f), number = static_cast<int>(corner);
+      if (const std::optional<CornerFit>& fit = search.found()[corner]) {
+        detection->corners.push_back({face, number, fit->pixel, fit->sigma_px});
+        widths.push_back(kWidthOfSigma * fit->blur_px);
+      } else if (const auto rejected = search.rejected()[corner]) {
+        detection->rejected_corners.push_back({face, number, *rejected});
+      }
     }
   }
   if (!widths.empty()) detection->edge_width_px = Median(std::move(widths));
@@ -288,6 +338,31 @@ RejectionText TextOf(Rejection kind) {
           "A copy of the board, or its mirror image, is in view: take it away or cover it."};
 }
 
+RejectionText TextOf(CornerRejection kind) {
+  switch (kind) {
+    case CornerRejection::kAtEdge:
+      return {"cut by the picture's edge",
+              "It is in the picture, but not all that is around it: usual, and no harm."};
+    case CornerRejection::kSmall:
+      return {"squares too small",
+              "Usual where a face is seen from the side. If a camera has many, bring the target "
+              "nearer to it."};
+    case CornerRejection::kFaint:
+      return {"hardly any contrast",
+              "Black and white are about the same there: in the shade, overexposed, or hidden. "
+              "Light the target evenly, set the exposure, take away what hides it."};
+    case CornerRejection::kUnclear:
+      return {"no clear corner",
+              "Something else is in its place: a thing in front of the target, a reflection, a "
+              "damaged print. If a camera or a shot has many, look at its pictures."};
+    case CornerRejection::kOffPattern:
+      break;
+  }
+  return {"off the pattern around it",
+          "It was found, but not where the markers and corners around it put it. A few do no harm; "
+          "if a face has many, its print is damaged or not flat."};
+}
+
 Result<BoardDetection> DetectBoard(const cv::Mat& grey, const Board& board,
                                    const BoardDetectionOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(board.Validate());
@@ -310,6 +385,7 @@ Result<BoardDetection> DetectBoard(const cv::Mat& grey, const Board& board,
         Text(", at most %.1f px is usable; focus the lens, hold the board still or expose shorter",
              options.max_edge_width_px);
     detection.corners.clear();
+    detection.rejected_corners.clear();
   }
   return detection;
 }

@@ -31,6 +31,7 @@ struct RejectionText {
   const char* remedy;  // for the operator: what it means, and what to do
 };
 RejectionText TextOf(Rejection kind);
+RejectionText TextOf(CornerRejection kind);
 
 struct RejectedMarker {
   std::string dictionary;
@@ -40,14 +41,22 @@ struct RejectedMarker {
   std::string reason;  // for the operator: "id 530 is on no face of the board", ...
 };
 
+/// A corner that was looked for, as markers or corners around it put it in the picture, in vain.
+struct RejectedCorner {
+  int face = 0;  // as in BoardCorner
+  int corner = 0;
+  CornerRejection kind = CornerRejection::kUnclear;
+};
+
 /// What one picture shows of a board; corners sorted by face and corner.
 struct BoardDetection {
   std::vector<BoardCorner> corners;
   std::vector<RejectedMarker> rejected;
+  std::vector<RejectedCorner> rejected_corners;
   int markers_found = 0;     // of the board, after rejection
   double edge_width_px = 0;  // of the squares' edges, 10 to 90 %; large when blurred
   /// Why the whole picture was refused ("blurred: ...", "mirrored: ..."); empty when usable. It
-  /// then has no corners.
+  /// then has no corners, nor rejected ones.
   std::string unusable;
 };
 
@@ -61,7 +70,8 @@ struct BoardDetectionOptions {
   /// Detectors find them to 0.02 to 0.05 of it; a marker of another board is off by 0.3 and more.
   double max_misplaced = 0.15;
   /// A corner may be this far from where the corners around it put it, as a share of a square's
-  /// side; lens and bow make 0.005.
+  /// side; lens and bow make 0.005. At the rim of a wide-angle lens it is up to 0.08: there it may
+  /// be this far from the parabola that the corners around it make.
   double max_bent = 0.03;
   /// Squares narrower than this give corners whose neighbours blur into them.
   double min_square_px = 7;

@@ -265,6 +265,32 @@ void CheckSizes(const std::vector<cv::Size>& sizes, size_t camera, BoardSighting
   }
 }
 
+/// `list`: what was rejected in a picture.
+template <typename Rejected>
+std::vector<RejectedCount> CountByKind(const BoardSightings& sightings,
+                                       std::vector<Rejected> BoardDetection::*list) {
+  std::map<decltype(Rejected::kind), std::map<std::string, size_t>> kinds;
+  for (const auto& row : sightings.sightings) {
+    for (size_t c = 0; c < row.size(); ++c) {
+      if (!row[c].detection) continue;
+      for (const Rejected& rejected : (*row[c].detection).*list) {
+        ++kinds[rejected.kind][sightings.cameras[c].camera];
+      }
+    }
+  }
+  std::vector<RejectedCount> counts;
+  for (const auto& [kind, cameras] : kinds) {
+    RejectedCount& count = counts.emplace_back(RejectedCount{TextOf(kind), 0, {}});
+    count.cameras.assign(cameras.begin(), cameras.end());
+    for (const auto& [camera, some] : cameras) count.count += some;
+    std::stable_sort(count.cameras.begin(), count.cameras.end(),
+                     [](const auto& a, const auto& b) { return a.second > b.second; });
+  }
+  std::stable_sort(counts.begin(), counts.end(),
+                   [](const auto& a, const auto& b) { return a.count > b.count; });
+  return counts;
+}
+
 }  // namespace
 
 Result<ShotPictures> FindShots(const std::vector<fs::path>& folders) {
@@ -304,27 +330,12 @@ Result<BoardSightings> DetectBoards(const ShotPictures& shots, const Board& boar
   return all;
 }
 
-std::vector<RejectedCount> CountRejected(const BoardSightings& sightings) {
-  std::map<Rejection, std::map<std::string, size_t>> kinds;
-  for (const auto& row : sightings.sightings) {
-    for (size_t c = 0; c < row.size(); ++c) {
-      if (!row[c].detection) continue;
-      for (const RejectedMarker& marker : row[c].detection->rejected) {
-        ++kinds[marker.kind][sightings.cameras[c].camera];
-      }
-    }
-  }
-  std::vector<RejectedCount> counts;
-  for (const auto& [kind, cameras] : kinds) {
-    RejectedCount& count = counts.emplace_back(RejectedCount{kind, 0, {}});
-    count.cameras.assign(cameras.begin(), cameras.end());
-    for (const auto& [camera, markers] : cameras) count.count += markers;
-    std::stable_sort(count.cameras.begin(), count.cameras.end(),
-                     [](const auto& a, const auto& b) { return a.second > b.second; });
-  }
-  std::stable_sort(counts.begin(), counts.end(),
-                   [](const auto& a, const auto& b) { return a.count > b.count; });
-  return counts;
+std::vector<RejectedCount> CountRejectedMarkers(const BoardSightings& sightings) {
+  return CountByKind(sightings, &BoardDetection::rejected);
+}
+
+std::vector<RejectedCount> CountRejectedCorners(const BoardSightings& sightings) {
+  return CountByKind(sightings, &BoardDetection::rejected_corners);
 }
 
 std::string WorstCameras(const RejectedCount& rejected) {

@@ -66,14 +66,15 @@ Result<ShotPictures> FindShots(const std::vector<std::filesystem::path>& folders
 Result<BoardSightings> DetectBoards(const ShotPictures& shots, const Board& board,
                                     const BoardDetectionOptions& options, RunContext& context);
 
-/// Markers that were not used for one reason, in all pictures.
+/// Markers, or corners, that were not used for one reason, in all pictures.
 struct RejectedCount {
-  Rejection kind = Rejection::kOnNoFace;
+  RejectionText text;
   size_t count = 0;
   std::vector<std::pair<std::string, size_t>> cameras;  // those with the most first
 };
-/// The most frequent kind first.
-std::vector<RejectedCount> CountRejected(const BoardSightings& sightings);
+/// The most frequent reason first.
+std::vector<RejectedCount> CountRejectedMarkers(const BoardSightings& sightings);
+std::vector<RejectedCount> CountRejectedCorners(const BoardSightings& sightings);
 /// "c03r2 4, c04r2 3": the cameras with the most, and how many each.
 std::string WorstCameras(const RejectedCount& rejected);
 

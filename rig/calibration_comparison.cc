@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <utility>
 
@@ -15,7 +16,30 @@ namespace {
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using PoseCovariance = Eigen::Matrix<double, 6, 6>;
 
-constexpr double kMedianChiSquare6 = 5.3481;  // of six degrees of freedom
+/// Probability that a chi-square variable exceeds `x`. With y = x/2 and Q the upper incomplete
+/// gamma function: Q(a + 1, y) = Q(a, y) + y^a e^-y / Gamma(a + 1), from Q(1/2, y) = erfc(sqrt(y))
+/// or Q(1, y) = e^-y (Abramowitz and Stegun, 6.5.21, 26.4.4 and 26.4.5).
+double ChiSquareTail(int freedom, double x) {
+  const double y = 0.5 * x;
+  const bool odd = freedom % 2 == 1;
+  double tail = odd ? std::erfc(std::sqrt(y)) : std::exp(-y);
+  for (double a = odd ? 0.5 : 1.0; a < 0.5 * freedom; a += 1) {
+    tail += std::pow(y, a) * std::exp(-y) / std::tgamma(a + 1);
+  }
+  return tail;
+}
+
+/// The value that a chi-square variable exceeds with this probability.
+double ChiSquareLimit(int freedom, double probability) {
+  double low = 0, high = 1000;
+  for (int i = 0; i < 100; ++i) {
+    const double x = 0.5 * (low + high);
+    (ChiSquareTail(freedom, x) > probability ? low : high) = x;
+  }
+  return low;
+}
+
+constexpr int kPoseFreedom = 6;
 
 /// A camera of both calibrations; covariances of turn (camera axes) and centre (own rig's axes).
 struct Pair {
@@ -77,6 +101,12 @@ double MedianChiSquare(const std::vector<Pair>& pairs, const Rigid3& before_from
   return Median(std::move(values));
 }
 
+/// The cameras' scatter over what their covariances say, squared; at least 1.
+double Excess(const std::vector<Pair>& pairs, const Rigid3& before_from_after) {
+  return std::max(1.0,
+                  MedianChiSquare(pairs, before_from_after) / ChiSquareLimit(kPoseFreedom, 0.5));
+}
+
 /// Each camera alone says how the rigs lie to each other: the one that most agree with.
 Rigid3 LeastMedianAlignment(const std::vector<Pair>& pairs) {
   Rigid3 best;
@@ -101,13 +131,13 @@ Rigid3 Align(const std::vector<Pair>& pairs) {
   for (const Pair& pair : pairs) middle += pair.before->cam_from_rig.OriginInSource();
   middle /= static_cast<double>(pairs.size());
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    const double scale = std::max(1.0, MedianChiSquare(pairs, alignment) / kMedianChiSquare6);
+    const double scale = Excess(pairs, alignment);
     PoseCovariance matrix = PoseCovariance::Zero();
     Vector6 gradient = Vector6::Zero();
     for (const Pair& pair : pairs) {
       const Change change = ChangeOf(pair, alignment);
       // Geman and McClure's weight: what is far off has no say at all.
-      const double share = change.ChiSquare() / (kLossSigmas * kLossSigmas * 6 * scale);
+      const double share = change.ChiSquare() / (kLossSigmas * kLossSigmas * kPoseFreedom * scale);
       const double weight = 1.0 / ((1.0 + share) * (1.0 + share));
       PoseCovariance by_motion = PoseCovariance::Zero();
       by_motion.topLeftCorner<3, 3>() = -pair.before->cam_from_rig.RotationMatrix();
@@ -128,36 +158,86 @@ Rigid3 Align(const std::vector<Pair>& pairs) {
   return alignment;
 }
 
-/// The value that a chi-square variable of six degrees of freedom exceeds with this probability:
-/// exp(-x/2) (1 + x/2 + x^2/8).
-double ChiSquare6Limit(double probability) {
-  double low = 0, high = 1000;
-  for (int i = 0; i < 100; ++i) {
-    const double x = 0.5 * (low + high);
-    (std::exp(-0.5 * x) * (1 + 0.5 * x + x * x / 8) > probability ? low : high) = x;
-  }
-  return low;
-}
-
 CameraChange Describe(const Pair& pair, const Rigid3& alignment, double inflation) {
   const Change change = ChangeOf(pair, alignment);
   CameraChange described;
   described.camera = pair.before->camera;
   described.rotation_deg = DegFromRad(change.difference.head<3>().norm());
   described.position_mm = 1e3 * change.difference.tail<3>().norm();
-  described.sigmas = std::sqrt(change.ChiSquare() / 6) / inflation;
+  described.sigmas = std::sqrt(change.ChiSquare() / kPoseFreedom) / inflation;
   const double before_px = pair.before->intrinsics.MeanFocal_px();
   const double after_px = pair.after->intrinsics.MeanFocal_px();
   described.focal_percent = 100 * (after_px / before_px - 1);
-  if (pair.before->sigma && pair.after->sigma && pair.before->sigma->focal_px &&
-      pair.after->sigma->focal_px) {
-    described.focal_sigmas =
-        std::abs(after_px - before_px) /
-        std::hypot(*pair.before->sigma->focal_px, *pair.after->sigma->focal_px);
-  }
   described.other_serial = !pair.before->serial.empty() && !pair.after->serial.empty() &&
                            pair.before->serial != pair.after->serial;
+  described.sigma_before = pair.before->sigma;
+  described.sigma_after = pair.after->sigma;
   return described;
+}
+
+/// How far a lens is from what it was: a squared Mahalanobis distance.
+struct LensChange {
+  double chi_square = 0;
+  int freedom = 1;
+};
+
+/// Over all parameters; of what neither calibration found (k4 to k6 of a model with k3) there is no
+/// variance.
+LensChange ParameterChange(const CalibratedCamera& before, const CalibratedCamera& after) {
+  const auto count = static_cast<Eigen::Index>(before.intrinsics.params.size());
+  const Eigen::MatrixXd covariance = before.covariance->bottomRightCorner(count, count) +
+                                     after.covariance->bottomRightCorner(count, count);
+  std::vector<Eigen::Index> found;
+  for (Eigen::Index i = 0; i < count; ++i) {
+    if (covariance(i, i) > 0) found.push_back(i);
+  }
+  if (found.empty()) return {};
+  const Eigen::VectorXd change =
+      Eigen::Map<const Eigen::VectorXd>(after.intrinsics.params.data(), count) -
+      Eigen::Map<const Eigen::VectorXd>(before.intrinsics.params.data(), count);
+  // In units of the sigmas: pixels and distortion differ by orders of magnitude.
+  const Eigen::VectorXd scale = covariance.diagonal()(found).cwiseSqrt();
+  const Eigen::MatrixXd correlation = scale.cwiseInverse().asDiagonal() * covariance(found, found) *
+                                      scale.cwiseInverse().asDiagonal();
+  const Eigen::VectorXd scaled = change(found).cwiseQuotient(scale);
+  return {std::max(0.0, scaled.dot(correlation.ldlt().solve(scaled))),
+          static_cast<int>(found.size())};
+}
+
+/// nullopt when the calibrations do not say how sure they are of the lens.
+std::optional<LensChange> LensChangeOf(const Pair& pair) {
+  const CalibratedCamera &before = *pair.before, &after = *pair.after;
+  if (before.intrinsics.model == after.intrinsics.model && before.covariance && after.covariance) {
+    return ParameterChange(before, after);
+  }
+  if (!before.sigma || !after.sigma || !before.sigma->focal_px || !after.sigma->focal_px) {
+    return std::nullopt;
+  }
+  const double sigmas = (after.intrinsics.MeanFocal_px() - before.intrinsics.MeanFocal_px()) /
+                        std::hypot(*before.sigma->focal_px, *after.sigma->focal_px);
+  return LensChange{sigmas * sigmas, 1};
+}
+
+/// Which lenses are not as they were.
+void JudgeLenses(const std::vector<Pair>& pairs, double false_alarm,
+                 CalibrationComparison& comparison) {
+  std::vector<std::optional<LensChange>> changes;
+  std::vector<double> excess;
+  for (const Pair& pair : pairs) {
+    changes.push_back(LensChangeOf(pair));
+    if (!changes.back()) continue;
+    excess.push_back(changes.back()->chi_square / ChiSquareLimit(changes.back()->freedom, 0.5));
+  }
+  const double scale = std::max(1.0, Median(std::move(excess)));
+  comparison.lens_inflation = std::sqrt(scale);
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (!changes[i]) continue;
+    const auto [chi_square, freedom] = *changes[i];
+    comparison.cameras[i].lens_sigmas = std::sqrt(chi_square / (scale * freedom));
+    comparison.cameras[i].lens_changed =
+        chi_square / scale >
+        ChiSquareLimit(freedom, false_alarm / static_cast<double>(pairs.size()));
+  }
 }
 
 /// Two cameras that each stand where the other was.
@@ -206,10 +286,9 @@ Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
   }
   CalibrationComparison comparison;
   comparison.before_from_after = Align(pairs);
-  comparison.inflation = std::sqrt(
-      std::max(1.0, MedianChiSquare(pairs, comparison.before_from_after) / kMedianChiSquare6));
-  comparison.sigmas_limit =
-      std::sqrt(ChiSquare6Limit(options.false_alarm / static_cast<double>(pairs.size())) / 6);
+  comparison.inflation = std::sqrt(Excess(pairs, comparison.before_from_after));
+  const double false_alarm = options.false_alarm / static_cast<double>(pairs.size());
+  comparison.sigmas_limit = std::sqrt(ChiSquareLimit(kPoseFreedom, false_alarm) / kPoseFreedom);
   for (const Pair& pair : pairs) {
     comparison.cameras.push_back(
         Describe(pair, comparison.before_from_after, comparison.inflation));
@@ -217,6 +296,7 @@ Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
     change.moved = change.sigmas > comparison.sigmas_limit;
   }
   FindSwaps(pairs, comparison.before_from_after, comparison.cameras);
+  JudgeLenses(pairs, options.false_alarm, comparison);
   for (const CalibratedCamera& camera : before.cameras) {
     if (after.Find(camera.camera) == nullptr) comparison.only_before.push_back(camera.camera);
   }
@@ -224,6 +304,45 @@ Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
     if (before.Find(camera.camera) == nullptr) comparison.only_after.push_back(camera.camera);
   }
   return comparison;
+}
+
+std::string VerdictOn(const CameraChange& change) {
+  std::string verdict;
+  const auto add = [&](const std::string& what) {
+    verdict += (verdict.empty() ? "" : ", ") + what;
+  };
+  if (change.moved) {
+    add(change.swapped_with ? "stands where " + *change.swapped_with + " was" : "moved");
+  }
+  if (change.lens_changed) add("lens changed");
+  if (change.other_serial) add("another serial number");
+  return verdict;
+}
+
+std::vector<std::string> ChangesIn(const CalibrationComparison& comparison) {
+  std::vector<std::string> changes;
+  char text[200];
+  for (const CameraChange& change : comparison.cameras) {
+    if (change.moved) {
+      std::snprintf(text, sizeof(text), " moved by %.2f mm, %.3f deg (%.1f sigma)",
+                    change.position_mm, change.rotation_deg, change.sigmas);
+      changes.push_back(change.camera + text +
+                        (change.swapped_with ? ": it stands where " + *change.swapped_with +
+                                                   " was; are the two swapped?"
+                                             : ""));
+    }
+    if (change.lens_changed && !change.swapped_with) {
+      std::snprintf(text, sizeof(text),
+                    " has another lens than it had (focal length %+.3f %%; %.1f sigma): was it "
+                    "focused anew, or exchanged?",
+                    change.focal_percent, *change.lens_sigmas);
+      changes.push_back(change.camera + text);
+    }
+    if (change.other_serial) changes.push_back(change.camera + " has another serial number");
+  }
+  for (const std::string& camera : comparison.only_before) changes.push_back(camera + " is gone");
+  for (const std::string& camera : comparison.only_after) changes.push_back(camera + " is new");
+  return changes;
 }
 
 }  // namespace rotunda::rig

@@ -10,7 +10,8 @@
 namespace rotunda::rig {
 
 struct CalibrationComparisonOptions {
-  /// Probability that a comparison of two calibrations of an unchanged rig names any camera.
+  /// Probability that a comparison of two calibrations of an unchanged rig names any camera as
+  /// moved; and again that it names any lens.
   double false_alarm = 5e-4;
   /// Standard deviations of a camera whose calibration does not say them; only their ratio matters,
   /// the cameras' scatter gives the scale.
@@ -29,8 +30,12 @@ struct CameraChange {
   bool moved = false;
   std::optional<std::string> swapped_with;  // the camera in whose place it stands
   double focal_percent = 0;
-  std::optional<double> focal_sigmas;
+  /// As `sigmas`, of the lens' parameters (of the focal length alone where models differ or one
+  /// calibration has no covariances): 0 when it was kept, absent when sigmas are missing.
+  std::optional<double> lens_sigmas;
+  bool lens_changed = false;
   bool other_serial = false;
+  std::optional<PoseSigma> sigma_before, sigma_after;  // what the calibrations say
 };
 
 struct CalibrationComparison {
@@ -39,7 +44,8 @@ struct CalibrationComparison {
   std::vector<std::string> only_before, only_after;
   /// Cameras scatter this much more than their sigmas say (1: as they say); taken into account.
   double inflation = 1;
-  double sigmas_limit = 0;  // of CameraChange::sigmas, before it counts as moved
+  double lens_inflation = 1;  // the same of lenses
+  double sigmas_limit = 0;    // of CameraChange::sigmas, before it counts as moved
 };
 
 /// The rigid motion between two calibrations' rig frames that most cameras agree on. kBadInput with
@@ -50,10 +56,17 @@ Result<Rigid3> AlignRigs(const Calibration& before, const Calibration& after,
 inline constexpr size_t kMinComparedCameras = 3;  // in both: fewer do not tell who moved
 
 /// Which cameras moved between two calibrations: those whose change, relative to the rest, is
-/// beyond what both calibrations' covariances and the number of cameras explain. kBadInput below
-/// kMinComparedCameras common cameras.
+/// beyond what both calibrations' covariances and the number of cameras explain. Likewise which
+/// lenses changed. kBadInput below kMinComparedCameras common cameras.
 Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
                                                   const Calibration& after,
                                                   const CalibrationComparisonOptions& options);
+
+/// "moved, lens changed"; empty when the camera is as it was.
+std::string VerdictOn(const CameraChange& change);
+
+/// What an operator is to know, a sentence each: cameras that moved, were swapped or exchanged,
+/// lenses that changed, cameras that are in one of both only. Empty when all is as it was.
+std::vector<std::string> ChangesIn(const CalibrationComparison& comparison);
 
 }  // namespace rotunda::rig

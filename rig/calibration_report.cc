@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <numeric>
 
@@ -108,13 +109,17 @@ std::string Tiles(const CalibrationReportInput& input) {
          "</dl>\n";
 }
 
+/// What changed since another calibration comes first.
 std::string Verdict(const CalibrationReportInput& input) {
-  if (input.notes.empty()) {
+  std::vector<std::string> notes;
+  if (input.comparison) notes = ChangesIn(*input.comparison);
+  notes.insert(notes.end(), input.notes.begin(), input.notes.end());
+  if (notes.empty()) {
     return "<div class=\"verdict good\"><h2>Every camera is calibrated and well covered</h2></div>";
   }
   std::string html =
-      "<div class=\"verdict look\"><h2>" + Counted(input.notes.size(), "note") + "</h2><ul>";
-  for (const std::string& note : input.notes) html += "<li>" + Escaped(note) + "</li>\n";
+      "<div class=\"verdict look\"><h2>" + Counted(notes.size(), "note") + "</h2><ul>";
+  for (const std::string& note : notes) html += "<li>" + Escaped(note) + "</li>\n";
   return html + "</ul></div>\n";
 }
 
@@ -188,39 +193,54 @@ std::string ShotTable(const CalibrationReportInput& input) {
   return WordsTable({"shot", "cameras", "corners", "RMS px", ""}, rows);
 }
 
+/// Of the earlier calibration and of this one; a dash where it does not say.
+std::string BothSigmas(const CameraChange& change, double PoseSigma::*sigma, int decimals) {
+  const auto text = [&](const std::optional<PoseSigma>& pose) {
+    return pose ? Fixed((*pose).*sigma, decimals) : std::string("–");
+  };
+  return text(change.sigma_before) + ", " + text(change.sigma_after);
+}
+
 std::string ComparisonTable(const CalibrationComparison& comparison) {
   std::vector<Row> rows;
   for (const CameraChange& change : comparison.cameras) {
-    std::string verdict = change.moved ? "moved" : "";
-    if (change.swapped_with) verdict = "stands where " + *change.swapped_with + " was";
-    rows.push_back({change.camera, Fixed(change.position_mm, 3), Fixed(change.rotation_deg, 4),
-                    Fixed(change.sigmas, 2), Fixed(change.focal_percent, 3), verdict});
+    rows.push_back({change.camera, Fixed(change.position_mm, 3),
+                    BothSigmas(change, &PoseSigma::position_mm, 3), Fixed(change.rotation_deg, 4),
+                    BothSigmas(change, &PoseSigma::rotation_deg, 4), Fixed(change.sigmas, 2),
+                    Fixed(change.focal_percent, 3), Ratio(change.lens_sigmas), VerdictOn(change)});
   }
   std::stable_sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) {
     return !a.back().empty() && b.back().empty();
   });
-  return Table({"camera", "mm", "deg", "sigmas", "focal length %", ""}, rows);
+  return Table({"camera", "mm", "sigma then, now", "deg", "sigma then, now", "sigmas",
+                "focal length %", "lens, sigmas", ""},
+               rows);
 }
 
 std::string ReasonTable(const std::vector<RejectedCount>& rejected) {
   std::vector<Row> rows;
   for (const RejectedCount& count : rejected) {
-    const RejectionText text = TextOf(count.kind);
-    rows.push_back({text.name, std::to_string(count.count), std::to_string(count.cameras.size()),
-                    WorstCameras(count), text.remedy});
+    rows.push_back({count.text.name, std::to_string(count.count),
+                    std::to_string(count.cameras.size()), WorstCameras(count), count.text.remedy});
   }
-  return WordsTable({"reason", "markers", "cameras", "most", "what to do"}, rows);
+  return WordsTable({"reason", "count", "cameras", "most", "what to do"}, rows);
 }
 
+/// What was looked for in the pictures, markers or corners, and not used.
+struct NotUsed {
+  std::string title, explanation;
+  std::vector<RejectedCount> rejected;
+  std::function<size_t(const BoardDetection&)> used;  // of the same, how many were
+};
+
 /// By camera, a column for each reason; cameras with none are left out.
-std::string RejectedByCamera(const BoardSightings& sightings,
-                             const std::vector<RejectedCount>& rejected) {
+std::string RejectedByCamera(const BoardSightings& sightings, const NotUsed& what) {
   Row head = {"camera", "used", "not used"};
   std::map<std::string, std::vector<size_t>> counts;  // by reason
-  for (size_t kind = 0; kind < rejected.size(); ++kind) {
-    head.push_back(TextOf(rejected[kind].kind).name);
-    for (const auto& [camera, count] : rejected[kind].cameras) {
-      counts[camera].resize(rejected.size(), 0);
+  for (size_t kind = 0; kind < what.rejected.size(); ++kind) {
+    head.push_back(what.rejected[kind].text.name);
+    for (const auto& [camera, count] : what.rejected[kind].cameras) {
+      counts[camera].resize(what.rejected.size(), 0);
       counts[camera][kind] = count;
     }
   }
@@ -230,7 +250,7 @@ std::string RejectedByCamera(const BoardSightings& sightings,
     if (own == counts.end()) continue;
     size_t used = 0;
     for (const auto& shot : sightings.sightings) {
-      if (shot[c].detection) used += static_cast<size_t>(shot[c].detection->markers_found);
+      if (shot[c].detection) used += what.used(*shot[c].detection);
     }
     const size_t all = std::accumulate(own->second.begin(), own->second.end(), size_t{0});
     Row row = {own->first, std::to_string(used), std::to_string(all)};
@@ -240,12 +260,23 @@ std::string RejectedByCamera(const BoardSightings& sightings,
   return Table(head, rows);
 }
 
-std::string RejectedSection(const BoardSightings& sightings) {
-  const std::vector<RejectedCount> rejected = CountRejected(sightings);
-  const std::string title = "Markers not used";
-  if (rejected.empty()) return Section(title, "Every marker that was read was used.", "");
-  return Section(title, "Markers that were read in the pictures and left out, with the reason.",
-                 ReasonTable(rejected) + "<p></p>" + RejectedByCamera(sightings, rejected));
+std::string RejectedSection(const BoardSightings& sightings, const NotUsed& what) {
+  if (what.rejected.empty()) return Section(what.title, "None: all were used.", "");
+  return Section(what.title, what.explanation,
+                 ReasonTable(what.rejected) + "<p></p>" + RejectedByCamera(sightings, what));
+}
+
+std::string RejectedSections(const BoardSightings& sightings) {
+  const NotUsed markers = {
+      "Markers not used", "Markers that were read in the pictures and left out, with the reason.",
+      CountRejectedMarkers(sightings),
+      [](const BoardDetection& d) { return static_cast<size_t>(d.markers_found); }};
+  const NotUsed corners = {
+      "Corners not used",
+      "Corners of the squares that were looked for where the markers put them and are not used, "
+      "with the reason. Those that were found and do not fit the result are the cameras' outliers.",
+      CountRejectedCorners(sightings), [](const BoardDetection& d) { return d.corners.size(); }};
+  return RejectedSection(sightings, markers) + RejectedSection(sightings, corners);
 }
 
 double LongestResidual_px(const std::vector<CameraCheck>& checks) {
@@ -309,7 +340,7 @@ std::string BuildCalibrationReport(const CalibrationReportInput& input) {
                   "Sigmas are one standard deviation after the rigid fit of all camera centres "
                   "(roots of the traces). Projection: how far a point of the rig may appear off.",
                   CameraTable(input));
-  html += RejectedSection(input.sightings);
+  html += RejectedSections(input.sightings);
   html += Section("Target", "Where each face is and how it bows, found together with the cameras.",
                   FaceTable(input));
   html += Section("Shots", "Corners that the result stands on.", ShotTable(input));

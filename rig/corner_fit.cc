@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <vector>
 
 namespace rotunda::rig {
@@ -27,7 +28,7 @@ constexpr int kHeldTone = 3;  // iterations: edges that are not yet where they a
 constexpr double kEdgeBand_px = 4;     // pixels farther from both edges say nothing
 constexpr double kMarkerGuard_px = 2;  // what a marker's edge blurs into
 constexpr double kMaxTurn_rad = 0.3;   // of an edge against the guess
-constexpr double kLeastPixels = 30;
+constexpr size_t kLeastPixels = 30;
 
 struct Sample {
   double x, y;  // from the guess
@@ -40,7 +41,8 @@ struct Edges {
 
 double AngleOf(const Eigen::Vector2d& v) { return std::atan2(v.y(), v.x()); }
 
-/// Pixels of the window that the model describes. Symmetric about the guess.
+/// Pixels of the window that the model describes. Symmetric about the guess. Empty when the window
+/// is not all in the picture.
 std::vector<Sample> CollectSamples(const cv::Mat& grey, const CornerGuess& guess,
                                    const CornerFitOptions& options) {
   const Eigen::Matrix2d squares_per_px = guess.px_per_square.inverse();
@@ -263,15 +265,16 @@ std::optional<Solution> Solve(const CornerModel& model, Vector p) {
 
 }  // namespace
 
-std::optional<CornerFit> FitCorner(const cv::Mat& grey, const CornerGuess& guess,
-                                   const CornerFitOptions& options) {
+CornerMeasurement FitCorner(const cv::Mat& grey, const CornerGuess& guess,
+                            const CornerFitOptions& options) {
   const std::vector<Sample> samples = CollectSamples(grey, guess, options);
-  if (samples.size() < kLeastPixels) return std::nullopt;
+  if (samples.empty()) return CornerRejection::kAtEdge;
+  if (samples.size() < kLeastPixels) return CornerRejection::kSmall;
   const Vector start = StartOf(samples, guess);
-  if (start[kContrast] < 0.5 * options.min_contrast) return std::nullopt;
+  if (start[kContrast] < 0.5 * options.min_contrast) return CornerRejection::kFaint;
   const CornerModel model(samples, guess.top_left_black);
   const std::optional<Solution> solution = Solve(model, start);
-  if (!solution) return std::nullopt;
+  if (!solution) return CornerRejection::kUnclear;
   const Vector& p = solution->parameters;
   const double freedom = static_cast<double>(samples.size()) - kParameters;
   CornerFit fit;
@@ -279,15 +282,15 @@ std::optional<CornerFit> FitCorner(const cv::Mat& grey, const CornerGuess& guess
   fit.blur_px = p[kBlur];
   fit.contrast = p[kContrast];
   fit.residual = std::sqrt(solution->squares / freedom);
+  if (std::abs(fit.contrast) < options.min_contrast) return CornerRejection::kFaint;
   const bool turned = std::abs(p[kAngle1] - start[kAngle1]) > kMaxTurn_rad ||
                       std::abs(p[kAngle2] - start[kAngle2]) > kMaxTurn_rad;
-  if (turned || fit.contrast < options.min_contrast ||
-      fit.residual > options.max_residual * fit.contrast) {
-    return std::nullopt;
-  }
   const double variance =
       0.5 * (solution->inverse_normal(kX, kX) + solution->inverse_normal(kY, kY));
-  if (!(variance > 0)) return std::nullopt;
+  // Of an inverted corner the contrast is negative, and any residual too large.
+  if (turned || fit.residual > options.max_residual * fit.contrast || !(variance > 0)) {
+    return CornerRejection::kUnclear;
+  }
   fit.sigma_px = std::hypot(fit.residual * std::sqrt(variance), options.floor_px);
   return fit;
 }

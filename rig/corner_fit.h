@@ -1,7 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <optional>
+#include <variant>
 
 namespace cv {
 class Mat;
@@ -26,6 +26,17 @@ struct CornerFit {
   double residual = 0;  // root mean square, grey levels
 };
 
+/// Why a corner that was looked for is not used.
+enum class CornerRejection {
+  kAtEdge,      // of the picture: pixels around it are missing
+  kSmall,       // squares are too small
+  kFaint,       // hardly any contrast
+  kUnclear,     // the picture is no chessboard corner there
+  kOffPattern,  // it is not where the markers and corners around it put it
+};
+
+using CornerMeasurement = std::variant<CornerFit, CornerRejection>;
+
 struct CornerFitOptions {
   /// The fit looks this far along the edges: half a square brings in the next corner's blur, and
   /// over more than 12 px the edges of a distorted picture are no longer straight to 0.01 px.
@@ -47,9 +58,9 @@ struct CornerFitOptions {
 /// pixel q from the edges through p, E an edge's mean over the pixel's square (a blurred edge taken
 /// at the pixel's middle is off by 0.02 px where edges run along the pixels' rows and the lens is
 /// sharp), T the curve of the camera or of spreading ink (left out or a parabola: 0.01 px there, as
-/// it does not average out), g uneven light. By symmetry the markers do not move p. nullopt when
-/// there is no such corner here.
-std::optional<CornerFit> FitCorner(const cv::Mat& grey, const CornerGuess& guess,
-                                   const CornerFitOptions& options);
+/// it does not average out), g uneven light. By symmetry the markers do not move p. Any rejection
+/// but kOffPattern when there is no such corner here.
+CornerMeasurement FitCorner(const cv::Mat& grey, const CornerGuess& guess,
+                            const CornerFitOptions& options);
 
 }  // namespace rotunda::rig

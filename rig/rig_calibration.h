@@ -1,5 +1,6 @@
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +17,9 @@ enum class LensModel {
   kOpencv5,     // and k3
   kFullOpencv,  // and k4 k5 k6
 };
+
+/// As an operator and a request name them: "opencv", "opencv5", "full-opencv".
+const std::map<std::string, LensModel>& LensModelsByName();
 
 struct RigCalibrationOptions {
   LensModel model = LensModel::kOpencv;  // of intrinsics that are found

@@ -47,7 +47,7 @@ using daemon::CalibrationOutcome;
 
 /// "7 x seen twice (most: c03r2 4, c04r2 3)".
 std::string RejectedText(const rig::RejectedCount& rejected) {
-  return std::to_string(rejected.count) + " x " + rig::TextOf(rejected.kind).name +
+  return std::to_string(rejected.count) + " x " + rejected.text.name +
          " (most: " + rig::WorstCameras(rejected) + ")";
 }
 
@@ -55,9 +55,8 @@ nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejec
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
   for (const rig::RejectedCount& count : rejected) {
     nlohmann::ordered_json cameras = nlohmann::ordered_json::object();
-    for (const auto& [camera, markers] : count.cameras) cameras[camera] = markers;
-    list.push_back(
-        {{"reason", rig::TextOf(count.kind).name}, {"count", count.count}, {"cameras", cameras}});
+    for (const auto& [camera, some] : count.cameras) cameras[camera] = some;
+    list.push_back({{"reason", count.text.name}, {"count", count.count}, {"cameras", cameras}});
   }
   return list;
 }
@@ -83,7 +82,8 @@ void PrintJson(const CalibrateArguments& arguments, const CalibrationOutcome& ou
   if (residuals.held_out_rms_px) result["held_out_rms_px"] = *residuals.held_out_rms_px;
   if (residuals.held_out_p95_px) result["held_out_p95_px"] = *residuals.held_out_p95_px;
   result["rig_frame"] = outcome.result.frame;
-  result["rejected_markers"] = RejectedJson(rig::CountRejected(outcome.sightings));
+  result["rejected_markers"] = RejectedJson(rig::CountRejectedMarkers(outcome.sightings));
+  result["rejected_corners"] = RejectedJson(rig::CountRejectedCorners(outcome.sightings));
   result["notes"] = outcome.notes;
   if (const auto changes = outcome.Changes()) result["changes"] = *changes;
   result["stages"] = stages;
@@ -110,7 +110,7 @@ void PrintChanges(const CalibrationOutcome& outcome) {
   const auto changes = outcome.Changes();
   if (!changes) return;
   if (changes->empty()) {
-    std::printf("Since the calibration compared with, no camera moved.\n");
+    std::printf("Since the calibration compared with, no camera moved and no lens changed.\n");
     return;
   }
   std::printf("Since the calibration compared with:\n");
@@ -145,8 +145,11 @@ void PrintTable(const CalibrateArguments& arguments, const CalibrationOutcome& o
         *residuals.half_split_rotation_ratio, *residuals.half_split_position_ratio);
   }
   std::printf("rig frame              %s\n", outcome.result.frame.c_str());
-  for (const rig::RejectedCount& rejected : rig::CountRejected(outcome.sightings)) {
+  for (const rig::RejectedCount& rejected : rig::CountRejectedMarkers(outcome.sightings)) {
     std::printf("markers not used       %s\n", RejectedText(rejected).c_str());
+  }
+  for (const rig::RejectedCount& rejected : rig::CountRejectedCorners(outcome.sightings)) {
+    std::printf("corners not used       %s\n", RejectedText(rejected).c_str());
   }
   for (const std::string& note : outcome.notes) std::printf("  note: %s\n", note.c_str());
   PrintChanges(outcome);
@@ -242,9 +245,7 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Lens: opencv (default, 8 parameters), opencv5 (9: k3 as well), or full-opencv (12, for "
       "strong distortion; needs corners up to the edges of every picture). Lenses that are kept "
       "are of the model they were found with",
-      {{"opencv", rig::LensModel::kOpencv},
-       {"opencv5", rig::LensModel::kOpencv5},
-       {"full-opencv", rig::LensModel::kFullOpencv}});
+      rig::LensModelsByName());
   command->get_option("--model")->excludes("--fix-intrinsics-from");
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {

@@ -24,6 +24,7 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddBoard(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddEvaluate(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddCompare(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddExport(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddCameras(CLI::App& app, CommonOptions& common, Action& chosen);

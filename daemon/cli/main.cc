@@ -61,6 +61,7 @@ int Main(int argc, char** argv) {
   AddBoard(app, common, chosen);
   AddReconstruct(app, common, chosen);
   AddEvaluate(app, common, chosen);
+  AddCompare(app, common, chosen);
   AddExport(app, common, chosen);
   AddCapture(app, common, chosen);
   AddCameras(app, common, chosen);

@@ -6,8 +6,8 @@
 #include <functional>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
-#include <optional>
 #include <string>
+#include <vector>
 
 #include "rig/calibration_comparison.h"
 #include "rig/marker_detection.h"
@@ -21,6 +21,12 @@
 namespace rotunda::bench {
 namespace {
 
+constexpr int kShots = 6;
+constexpr size_t kCameras = 18;
+/// Pictures as they are give 0.0007 deg and 0.010 mm; a shot or a face less up to twice as much.
+/// What is wrong and taken for right costs ten times as much.
+constexpr double kMaxRotation_deg = 0.002, kMaxPosition_mm = 0.03;
+
 struct World {
   sim::RigOptions rig;
   sim::SimulateOptions options;
@@ -30,14 +36,18 @@ struct World {
 
   size_t Cameras() const { return truth.cameras.size(); }
   size_t Shots() const { return pictures.shots.size(); }
+  const std::string& CameraName(size_t camera) const { return sightings.cameras[camera].camera; }
+  const std::string& ShotName(size_t shot) const { return sightings.shots[shot].id; }
+  std::string PictureName(size_t shot, size_t camera) const {
+    return CameraName(camera) + " in " + ShotName(shot);
+  }
 };
 
 World Render(const test::TemporaryFolder& folder, ThreadPool& threads) {
-  constexpr int kShots = 6;
   RunContext context{threads};
   World world;
   world.options.target = sim::Target::kCuboid;
-  world.options.cameras = 18;
+  world.options.cameras = static_cast<int>(kCameras);
   world.options.picture_scale = 0.5;
   world.options.seed = 1;
   const std::filesystem::path shots = folder / "shots";
@@ -163,30 +173,34 @@ void MoveBoard(World& world, size_t shot, ThreadPool& threads) {
   }
 }
 
-/// What detection and calibration say: of rejected markers all reasons but those that ordinary
-/// pictures have too.
-void PrintWords(const World& world, const CalibrationRun& run, const World& clean) {
-  const auto print = [](const std::string& who, const std::string& what) {
-    std::printf("      %s: %s\n", who.c_str(), what.c_str());
-  };
+/// Who, and what is said of it.
+struct Named {
+  std::string who, what;
+};
+
+/// Shots, cameras and single pictures that were left out, with the reason.
+std::vector<Named> LeftOut(const World& world, const rig::RigCalibration& result) {
+  std::vector<Named> left_out;
   for (size_t s = 0; s < world.Shots(); ++s) {
-    if (!run.result.shot_problem[s].empty()) {
-      print(world.sightings.shots[s].id, run.result.shot_problem[s]);
+    if (!result.shot_problem[s].empty()) {
+      left_out.push_back({world.ShotName(s), result.shot_problem[s]});
     }
   }
   for (size_t c = 0; c < world.Cameras(); ++c) {
-    if (!run.result.camera_problem[c].empty()) {
-      print(world.sightings.cameras[c].camera, run.result.camera_problem[c]);
+    if (!result.camera_problem[c].empty()) {
+      left_out.push_back({world.CameraName(c), result.camera_problem[c]});
     }
   }
-  for (const rig::DroppedPicture& dropped : run.result.dropped) {
+  for (const rig::DroppedPicture& dropped : result.dropped) {
     if (!dropped.camera) continue;
-    print(world.sightings.cameras[*dropped.camera].camera + " in " +
-              world.sightings.shots[dropped.shot].id,
-          dropped.reason);
+    left_out.push_back({world.PictureName(dropped.shot, *dropped.camera), dropped.reason});
   }
-  size_t rejected = 0;
-  std::string first;
+  return left_out;
+}
+
+/// Markers that were rejected, but for those that are in the pictures as they were, too.
+std::vector<Named> Rejected(const World& world, const World& clean) {
+  std::vector<Named> rejected;
   for (size_t s = 0; s < world.Shots(); ++s) {
     for (size_t c = 0; c < world.Cameras(); ++c) {
       const auto& now = world.sightings.sightings[s][c].detection->rejected;
@@ -195,91 +209,163 @@ void PrintWords(const World& world, const CalibrationRun& run, const World& clea
         const bool usual = std::any_of(before.begin(), before.end(), [&](const auto& other) {
           return other.id == marker.id && other.reason == marker.reason;
         });
-        if (usual) continue;
-        if (rejected++ == 0) first = "marker " + std::to_string(marker.id) + ": " + marker.reason;
+        if (!usual) rejected.push_back({"marker " + std::to_string(marker.id), marker.reason});
       }
     }
   }
-  if (rejected > 0) print(std::to_string(rejected) + " markers rejected, first", first);
+  return rejected;
 }
 
-void PrintRow(const std::string& name, const World& world, const World& clean,
-              const std::optional<Calibration>& earlier, ThreadPool& threads) {
-  const CalibrationRun run =
-      Calibrate(world.options.board, world.sightings, {.validate = false}, threads);
-  const Evaluation errors = OrDie(EvaluateCalibration(run.file, world.truth));
-  std::printf("  %-44s %2zu of %zu cameras, mean %.4f deg, %.3f mm\n", name.c_str(),
-              errors.registered, errors.of, errors.mean_rotation_deg, errors.mean_position_mm);
-  PrintWords(world, run, clean);
-  if (!earlier) return;
+/// Cameras that moved since the calibration from the pictures as they were.
+std::vector<Named> Moved(const Calibration& earlier, const Calibration& now) {
+  std::vector<Named> moved;
   for (const rig::CameraChange& change :
-       OrDie(rig::CompareCalibrations(*earlier, run.file, {})).cameras) {
-    if (!change.moved) continue;
-    std::printf("      %s: moved by %.1f mm since the earlier calibration%s%s\n",
-                change.camera.c_str(), change.position_mm,
-                change.swapped_with ? ", stands where this one was: " : "",
-                change.swapped_with.value_or("").c_str());
+       OrDie(rig::CompareCalibrations(earlier, now, {})).cameras) {
+    if (change.moved) moved.push_back({change.camera, rig::VerdictOn(change)});
   }
+  return moved;
 }
+
+/// What must come of spoilt pictures; a Named's `what` is in what is said.
+struct Expected {
+  size_t calibrated = kCameras;
+  std::vector<Named> left_out = {};  // these, and nothing else
+  std::string rejected = "";         // in the reason of one marker at least
+  std::vector<Named> moved = {};     // these, and nothing else; empty: they are not compared
+};
 
 /// One way to spoil the pictures.
 struct MeanInput {
   std::string name;
   std::function<void(World&)> spoil;
-  bool compare = false;  // with the calibration from the pictures as they were
+  Expected expected;
 };
 
-std::vector<MeanInput> MeanInputs(ThreadPool& threads) {
-  constexpr size_t kShot = 2, kCamera = 3, kOther = 11;
+bool Says(const Named& said, const Named& expected) {
+  return said.who == expected.who && said.what.find(expected.what) != std::string::npos;
+}
+
+/// Whether exactly the expected is said.
+void MustSay(const std::string& name, const std::vector<Named>& said,
+             const std::vector<Named>& expected, Verdict& verdict) {
+  for (const Named& one : expected) {
+    verdict.Must(name + ": '" + one.who + "' is named with '" + one.what + "'",
+                 std::any_of(said.begin(), said.end(),
+                             [&](const Named& other) { return Says(other, one); }));
+  }
+  for (const Named& one : said) {
+    verdict.Must(name + ": '" + one.who + "' is not named, as nothing is wrong with it",
+                 std::any_of(expected.begin(), expected.end(),
+                             [&](const Named& other) { return Says(one, other); }));
+  }
+}
+
+void Print(const std::vector<Named>& said) {
+  for (const Named& one : said) std::printf("      %s: %s\n", one.who.c_str(), one.what.c_str());
+}
+
+/// Spoils the pictures, calibrates, prints what came of it and judges that.
+void BenchRow(const MeanInput& input, const World& clean, const Calibration& earlier,
+              ThreadPool& threads, Verdict& verdict) {
+  World world = clean;
+  input.spoil(world);
+  const CalibrationRun run =
+      Calibrate(world.options.board, world.sightings, {.validate = false}, threads);
+  const Evaluation errors = OrDie(EvaluateCalibration(run.file, world.truth));
+  std::printf("  %-44s %2zu of %zu cameras, mean %.4f deg, %.3f mm\n", input.name.c_str(),
+              errors.registered, errors.of, errors.mean_rotation_deg, errors.mean_position_mm);
+  const Expected& expected = input.expected;
+  verdict.Must(input.name + ": " + std::to_string(expected.calibrated) + " cameras are calibrated",
+               errors.registered == expected.calibrated);
+  verdict.AtMost(input.name + ": mean rotation, deg", errors.mean_rotation_deg, kMaxRotation_deg);
+  verdict.AtMost(input.name + ": mean position, mm", errors.mean_position_mm, kMaxPosition_mm);
+  const std::vector<Named> left_out = LeftOut(world, run.result);
+  Print(left_out);
+  MustSay(input.name, left_out, expected.left_out, verdict);
+  const std::vector<Named> rejected = Rejected(world, clean);
+  if (!rejected.empty()) {
+    std::printf("      %zu markers rejected, the first:\n", rejected.size());
+    Print({rejected.front()});
+  }
+  verdict.Must(input.name + ": a marker is rejected with '" + expected.rejected + "'",
+               expected.rejected.empty() ||
+                   std::any_of(rejected.begin(), rejected.end(), [&](const Named& marker) {
+                     return marker.what.find(expected.rejected) != std::string::npos;
+                   }));
+  if (!expected.moved.empty()) {
+    const std::vector<Named> moved = Moved(earlier, run.file);
+    Print(moved);
+    MustSay(input.name, moved, expected.moved, verdict);
+  }
+  std::fflush(stdout);
+}
+
+/// Spoils every picture of a shot.
+std::function<void(World&)> InShot(size_t shot, void (*change)(const World&, cv::Mat&)) {
+  return [=](World& world) {
+    ChangeShot(world, shot, [&](cv::Mat& picture) { change(world, picture); });
+  };
+}
+
+void Blur(const World&, cv::Mat& picture) {
   constexpr double kBlur_px = 6;
-  const auto shot = [](void (*change)(const World&, cv::Mat&)) {
-    return [change](World& world) {
-      ChangeShot(world, kShot, [&](cv::Mat& picture) { change(world, picture); });
-    };
-  };
-  const auto flip = [](cv::Mat& picture) { cv::flip(picture, picture, 1); };
-  const auto blur = [](const World&, cv::Mat& picture) {
-    cv::GaussianBlur(picture, picture, {}, kBlur_px);
-  };
-  const auto swap = [](std::vector<rig::BoardSighting>& sightings) {
-    std::swap(sightings[kCamera], sightings[kOther]);
-  };
+  cv::GaussianBlur(picture, picture, {}, kBlur_px);
+}
+
+/// Two cameras' cables in each other's place, from the first shot to the last.
+void SwapThroughout(World& world, size_t a, size_t b) {
+  for (auto& row : world.sightings.sightings) std::swap(row[a], row[b]);
+  std::swap(world.truth.cameras[a].cam_from_rig, world.truth.cameras[b].cam_from_rig);
+  std::swap(world.truth.cameras[a].intrinsics, world.truth.cameras[b].intrinsics);
+}
+
+std::vector<MeanInput> MeanInputs(const World& clean, ThreadPool& threads) {
+  constexpr size_t kShot = 2, kOne = 3, kOther = 11;
+  const std::string shot = clean.ShotName(kShot);
+  const std::string one = clean.CameraName(kOne), other = clean.CameraName(kOther);
   return {
-      {"another board in view, in one shot", shot(PasteOtherBoard)},
-      {"an id twice in all pictures of a shot", shot(DuplicateMarker)},
+      {"nothing wrong", [](World&) {}, {}},
+      {"another board in view, in one shot",
+       InShot(kShot, PasteOtherBoard),
+       {.rejected = "is on no face of the board"}},
+      {"an id twice in all pictures of a shot",
+       InShot(kShot, DuplicateMarker),
+       {.rejected = "not where its neighbours"}},
       {"a camera's pictures mirrored",
-       [flip](World& world) { ChangeCamera(world, kCamera, flip); }},
-      {"a shot blurred", shot(blur)},
-      {"a face hidden", [](World& world) { HideFace(world, 1); }},
-      {"a camera upside down", [](World& world) { TurnUpsideDown(world, kCamera); }},
-      {"two cameras swapped, in all shots",
-       [swap](World& world) {
-         for (auto& row : world.sightings.sightings) swap(row);
+       [](World& world) {
+         ChangeCamera(world, kOne, [](cv::Mat& picture) { cv::flip(picture, picture, 1); });
        },
-       true},
+       {.calibrated = kCameras - 1, .left_out = {{one, "mirrored"}}}},
+      {"a shot blurred", InShot(kShot, Blur), {.left_out = {{shot, "blurred"}}}},
+      {"a face hidden", [](World& world) { HideFace(world, 1); }, {}},
+      {"a camera upside down", [](World& world) { TurnUpsideDown(world, kOne); }, {}},
+      {"two cameras swapped, in all shots",
+       [](World& world) { SwapThroughout(world, kOne, kOther); },
+       {.moved = {{one, "stands where " + other}, {other, "stands where " + one}}}},
       {"two cameras swapped, in one shot",
-       [swap](World& world) { swap(world.sightings.sightings[kShot]); }},
+       [](World& world) {
+         std::swap(world.sightings.sightings[kShot][kOne],
+                   world.sightings.sightings[kShot][kOther]);
+       },
+       {.left_out = {{clean.PictureName(kShot, kOne), "is the picture of " + other},
+                     {clean.PictureName(kShot, kOther), "is the picture of " + one}}}},
       {"the cuboid moved by 3 mm during a shot",
-       [&threads](World& world) { MoveBoard(world, kShot, threads); }},
+       [&threads](World& world) { MoveBoard(world, kShot, threads); },
+       {.left_out = {{shot, "the board moved"}}}},
   };
 }
 
 }  // namespace
 
-void BenchMeanInputs(ThreadPool& threads) {
+void BenchMeanInputs(ThreadPool& threads, Verdict& verdict) {
   const test::TemporaryFolder folder;
   const World clean = Render(folder, threads);
   std::printf("\nMean inputs, rendered: %zu cameras of 600x800, %zu shots\n", clean.Cameras(),
               clean.Shots());
   const Calibration earlier =
       Calibrate(clean.options.board, clean.sightings, {.validate = false}, threads).file;
-  PrintRow("nothing wrong", clean, clean, earlier, threads);
-  for (const MeanInput& input : MeanInputs(threads)) {
-    World world = clean;
-    input.spoil(world);
-    PrintRow(input.name, world, clean, input.compare ? std::optional(earlier) : std::nullopt,
-             threads);
-    std::fflush(stdout);
+  for (const MeanInput& input : MeanInputs(clean, threads)) {
+    BenchRow(input, clean, earlier, threads, verdict);
   }
 }
 

@@ -34,8 +34,7 @@ RealFit PrintFit(const TimedSightings& timed, const CalibrationRun& run) {
       residuals.rms_px, run.validation.held_out_rms_px, run.validation.held_out_p95_px,
       run.result.noise, run.validation.rotation_ratio.value_or(NAN),
       run.validation.position_ratio.value_or(NAN));
-  std::printf("  time: detection %.1f s (%zu pictures)  %s\n", timed.seconds, timed.pictures,
-              run.times.c_str());
+  std::printf("  time: %s%s\n", timed.TimeText().c_str(), run.times.c_str());
   return fit;
 }
 
@@ -90,8 +89,9 @@ double ProjectionDifference_px(const CalibrationRun& run, size_t camera,
   return sum / static_cast<double>(count);
 }
 
-void CompareWithMrcal(const rig::Board& board, const rig::BoardSightings& sightings,
-                      const CalibrationRun& run, const std::string& lens_model) {
+/// Returns the greatest difference over both sigmas.
+double CompareWithMrcal(const rig::Board& board, const rig::BoardSightings& sightings,
+                        const CalibrationRun& run, const std::string& lens_model) {
   const MrcalOutcome peer = RunMrcal(board, sightings, run.result.kept, lens_model,
                                      run.file.cameras[0].intrinsics.MeanFocal_px());
   const Calibration theirs = AsCalibration(peer, run);
@@ -101,6 +101,7 @@ void CompareWithMrcal(const rig::Board& board, const rig::BoardSightings& sighti
       "    camera   focal/px ours  mrcal     difference, sigma   pose: difference/deg, mm    sigma/"
       "deg, mm   points/px: difference, sigma\n");
   const double both = std::sqrt(2.0);
+  double greatest = 0;
   for (size_t c = 0; c < run.file.cameras.size(); ++c) {
     const CalibratedCamera& ours = run.file.cameras[c];
     const rig::CameraChange& change = comparison.cameras[c];
@@ -113,7 +114,12 @@ void CompareWithMrcal(const rig::Board& board, const rig::BoardSightings& sighti
         both * ours.sigma->position_mm,
         ProjectionDifference_px(run, c, theirs.cameras[c], comparison.before_from_after.Inverse()),
         both * ours.fit->projection_mean_px);
+    const double difference_px = std::abs(ours.intrinsics.MeanFocal_px() - focal_px);
+    greatest = std::max({greatest, difference_px / (both * ours.sigma->focal_px.value_or(0)),
+                         change.rotation_deg / (both * ours.sigma->rotation_deg),
+                         change.position_mm / (both * ours.sigma->position_mm)});
   }
+  return greatest;
 }
 
 }  // namespace
@@ -128,7 +134,7 @@ std::optional<RealFit> BenchReal(const std::filesystem::path& board_file,
   const rig::Board board = OrDie(config::ReadBoard(board_file));
   const TimedSightings timed = Detect(folder, board, threads);
   const CalibrationRun run = Calibrate(board, timed.sightings, {}, threads);
-  const RealFit fit = PrintFit(timed, run);
+  RealFit fit = PrintFit(timed, run);
   if (board.faces.size() > 1) {
     PrintFaces(board, run);
     return fit;
@@ -138,7 +144,7 @@ std::optional<RealFit> BenchReal(const std::filesystem::path& board_file,
   const CalibrationRun with_k3 =
       Calibrate(board, timed.sightings, {.model = rig::LensModel::kOpencv5}, threads);
   PrintFit(timed, with_k3);
-  CompareWithMrcal(board, timed.sightings, with_k3, "LENSMODEL_OPENCV5");
+  fit.peer_sigmas = CompareWithMrcal(board, timed.sightings, with_k3, "LENSMODEL_OPENCV5");
   return fit;
 }
 

@@ -12,6 +12,9 @@ struct RealFit {
   double rms_px = 0;
   double kept = 0;   // share of the corners found
   double posed = 0;  // share of the cameras, or of the shots when that is less
+  /// Greatest difference from mrcal's result, both with k3, over both sigmas: of a camera's focal
+  /// length, rotation and position. nullopt for boards that mrcal does not know.
+  std::optional<double> peer_sigmas = std::nullopt;
 };
 
 /// Calibrates real cameras from the shots in `folder` of the board in `board_file`, with its time

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <ctime>
 #include <utility>
 #include <vector>
 
@@ -24,8 +25,16 @@ class StageTimes {
     times_.emplace_back(stage, 0.0);
     begin_ = Clock::now();
   }
-  std::string Text() {
-    End();
+  void End() {
+    if (times_.empty()) return;
+    times_.back().second = std::chrono::duration<double>(Clock::now() - begin_).count();
+  }
+  double Total() const {
+    double seconds = 0;
+    for (const auto& [stage, some] : times_) seconds += some;
+    return seconds;
+  }
+  std::string Text() const {
     std::string text;
     char part[64];
     for (const auto& [stage, seconds] : times_) {
@@ -36,11 +45,6 @@ class StageTimes {
   }
 
  private:
-  void End() {
-    if (times_.empty()) return;
-    times_.back().second = std::chrono::duration<double>(Clock::now() - begin_).count();
-  }
-
   std::vector<std::pair<std::string, double>> times_;
   Clock::time_point begin_;
 };
@@ -67,18 +71,30 @@ CalibrationRun Calibrate(const rig::Board& board, const rig::BoardSightings& sig
   CalibrationRun run;
   run.result = OrDie(rig::CalibrateRig(board, sightings, calibrate, context));
   if (options.validate) run.validation = OrDie(rig::CrossValidate(board, run.result, {}, context));
+  times.End();
+  run.seconds = times.Total();
   run.times = times.Text();
   run.file = rig::ToCalibration(board, sightings, run.result, &run.validation);
   return run;
+}
+
+std::string TimedSightings::TimeText() const {
+  char text[96];
+  std::snprintf(text, sizeof(text), "detection %.1f s (%zu pictures, %.2f cores busy)  ", seconds,
+                pictures, cores);
+  return text;
 }
 
 TimedSightings Detect(const std::filesystem::path& folder, const rig::Board& board,
                       ThreadPool& threads) {
   RunContext context{threads};
   const auto begin = Clock::now();
+  const std::clock_t processor_begin = std::clock();
   TimedSightings timed;
   timed.sightings = OrDie(rig::DetectBoards(OrDie(rig::FindShots({folder})), board, {}, context));
   timed.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+  timed.cores =
+      static_cast<double>(std::clock() - processor_begin) / CLOCKS_PER_SEC / timed.seconds;
   timed.pictures = timed.sightings.shots.size() * timed.sightings.cameras.size();
   return timed;
 }

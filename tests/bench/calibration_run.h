@@ -13,7 +13,8 @@ struct CalibrationRun {
   rig::RigCalibration result;
   rig::CrossValidation validation;
   Calibration file;
-  std::string times;
+  std::string times;   // by stage
+  double seconds = 0;  // of all stages
 };
 
 struct CalibrationRunOptions {
@@ -31,6 +32,9 @@ struct TimedSightings {
   rig::BoardSightings sightings;
   size_t pictures = 0;
   double seconds = 0;
+  double cores = 0;  // processor time over the time that passed
+
+  std::string TimeText() const;
 };
 TimedSightings Detect(const std::filesystem::path& folder, const rig::Board& board,
                       ThreadPool& threads);

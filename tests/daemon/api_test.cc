@@ -18,6 +18,7 @@
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
 #include "daemon/store_sql.h"
+#include "rig/rig_calibration.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
@@ -181,6 +182,14 @@ TEST_F(Api, TheDocumentHasEveryRouteAndTheRouterEveryOperation) {
   }
   EXPECT_EQ(in_document, in_table);
   EXPECT_GE(in_table.size(), 25u);
+}
+
+TEST_F(Api, TheDocumentNamesEveryLensModel) {
+  const Json document = Document();
+  const Json& request = document["components"]["schemas"]["CalibrationRequest"];
+  std::set<std::string> known;
+  for (const auto& [name, model] : rig::LensModelsByName()) known.insert(name);
+  EXPECT_EQ(request["properties"]["model"]["enum"].get<std::set<std::string>>(), known);
 }
 
 TEST_F(Api, EveryReadAnswersAsTheDocumentSays) {

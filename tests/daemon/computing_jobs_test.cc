@@ -5,6 +5,7 @@
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
+#include "sfm/core/file_io.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/small_frame_set.h"
@@ -49,6 +50,23 @@ TEST(ReconstructionJob, TheBodyIsFilledInAndChecked) {
                 .find("method: expected \"tc-sfm\" or \"plain\""),
             std::string::npos)
       << handler.check("{\"capture\": \"x\", \"method\": \"magic\"}").error().ToString();
+}
+
+TEST(ReconstructionJob, ThePageBesideACalibrationIsTakenAlong) {
+  const test::TemporaryFolder folder;
+  Calibration calibration;
+  calibration.id = "monday";
+  calibration.created_at = "2026-01-01T00:00:00Z";
+  ASSERT_TRUE(WriteCalibration(calibration, folder / "calibration.json").ok());
+  EXPECT_EQ(CalibrationOf(folder.path(), std::nullopt)->page, "");
+  ASSERT_TRUE(WriteFileAtomically(folder / "calibration.html", "<html>monday</html>").ok());
+  for (const std::optional<fs::path>& given :
+       {std::optional<fs::path>(), std::optional(folder / "calibration.json")}) {
+    const auto in_force = CalibrationOf(given ? "elsewhere" : folder.path(), given);
+    ASSERT_TRUE(in_force.ok()) << in_force.error().ToString();
+    EXPECT_EQ(in_force->calibration->id, "monday");
+    EXPECT_EQ(in_force->page, "<html>monday</html>");
+  }
 }
 
 TEST(ReconstructionJob, WhatFailsOrIsStoppedLeavesNothingBehind) {
@@ -125,6 +143,19 @@ TEST(CalibrationJob, TheRequestIsChecked) {
                            "{\"captures\": [\"x\"], \"board\": \"/etc/passwd\"}"}) {
     EXPECT_EQ(handler.check(body).error().code, ErrorCode::kInvalidArgument) << body;
   }
+}
+
+TEST(CalibrationJob, EveryLensModelHasItsName) {
+  DaemonState state;
+  const JobHandler handler = MakeCalibrationHandler(state.store(), {"board.toml", 1});
+  for (const auto& [name, model] : rig::LensModelsByName()) {
+    const std::string body = "{\"captures\":[\"x\"],\"model\":\"" + name + "\"}";
+    EXPECT_TRUE(handler.check(body).ok()) << name;
+  }
+  const auto refused = handler.check("{\"captures\": [\"x\"], \"model\": \"fish\"}");
+  EXPECT_NE(refused.error().ToString().find("\"full-opencv\", \"opencv\", \"opencv5\""),
+            std::string::npos)
+      << refused.error().ToString();
 }
 
 TEST(CalibrationJob, APictureWithoutABoardIsAReasonToFail) {

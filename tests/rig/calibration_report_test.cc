@@ -11,20 +11,24 @@
 namespace rotunda::rig {
 namespace {
 
-std::string ReportOf(const test::ProjectedRig& world) {
+std::string ReportOf(const test::ProjectedRig& world,
+                     const std::optional<Calibration>& earlier = std::nullopt) {
   ThreadPool pool(1);
   RunContext context{pool};
   const auto result = CalibrateRig(world.board, world.sightings, {}, context);
   EXPECT_TRUE(result.ok()) << result.error().ToString();
   if (!result) return "";
   const CrossValidation validation;
+  const Calibration found = ToCalibration(world.board, world.sightings, *result, &validation);
+  std::optional<CalibrationComparison> comparison;
+  if (earlier) comparison = CompareCalibrations(*earlier, found, {}).value();
   return BuildCalibrationReport({world.board,
                                  world.sightings,
                                  *result,
-                                 ToCalibration(world.board, world.sightings, *result, &validation),
+                                 found,
                                  CheckCameras(world.board, world.sightings, *result, {}),
                                  validation,
-                                 std::nullopt,
+                                 comparison,
                                  {}});
 }
 
@@ -33,6 +37,13 @@ test::ProjectedRig SmallWorld() {
   options.cameras = 6;
   options.shots = 4;
   return test::ProjectCorners(options);
+}
+
+/// The beginning of a table's row.
+std::string RowOf(const std::vector<std::string>& cells) {
+  std::string text = "<tr>";
+  for (const std::string& cell : cells) text += "<td>" + Escaped(cell) + "</td>";
+  return text;
 }
 
 TEST(CalibrationReport, MarkersNotUsedAreCountedByReasonAndCameraWithWhatToDo) {
@@ -50,34 +61,86 @@ TEST(CalibrationReport, MarkersNotUsedAreCountedByReasonAndCameraWithWhatToDo) {
   const std::string& first = world.sightings.cameras[1].camera;
   const std::string& second = world.sightings.cameras[4].camera;
   const std::string html = ReportOf(world);
-  const auto row = [](const std::vector<std::string>& cells) {
-    std::string text = "<tr>";
-    for (const std::string& cell : cells) text += "<td>" + Escaped(cell) + "</td>";
-    return text;
-  };
-  EXPECT_NE(html.find(row({"seen twice", "9", "2", first + " 7, " + second + " 2",
-                           TextOf(Rejection::kSeenTwice).remedy})),
+  EXPECT_NE(html.find(RowOf({"seen twice", "9", "2", first + " 7, " + second + " 2",
+                             TextOf(Rejection::kSeenTwice).remedy})),
             std::string::npos);
-  EXPECT_NE(html.find(row({"alone", "1", "1", first + " 1", TextOf(Rejection::kAlone).remedy})),
+  EXPECT_NE(html.find(RowOf({"alone", "1", "1", first + " 1", TextOf(Rejection::kAlone).remedy})),
             std::string::npos);
   // Camera, used, not used, then by reason, the most frequent one first.
-  EXPECT_NE(html.find(row({first, "80", "8", "7", "1"})), std::string::npos);
-  EXPECT_NE(html.find(row({second, "40", "2", "2", "0"})), std::string::npos);
-  EXPECT_EQ(html.find(row({world.sightings.cameras[0].camera, "0", "0"})), std::string::npos);
-  EXPECT_EQ(html.find("Every marker that was read was used"), std::string::npos);
+  EXPECT_NE(html.find(RowOf({first, "80", "8", "7", "1"})), std::string::npos);
+  EXPECT_NE(html.find(RowOf({second, "40", "2", "2", "0"})), std::string::npos);
+  EXPECT_EQ(html.find(RowOf({world.sightings.cameras[0].camera, "0", "0"})), std::string::npos);
 }
 
-TEST(CalibrationReport, SaysSoWhenEveryMarkerWasUsed) {
-  EXPECT_NE(ReportOf(SmallWorld()).find("Every marker that was read was used"), std::string::npos);
+TEST(CalibrationReport, CornersNotUsedAreCountedLikewise) {
+  test::ProjectedRig world = SmallWorld();
+  const auto reject = [&](size_t shot, size_t camera, CornerRejection kind, int count) {
+    BoardDetection& detection = *world.sightings.sightings[shot][camera].detection;
+    for (int i = 0; i < count; ++i) detection.rejected_corners.push_back({0, i, kind});
+  };
+  reject(0, 2, CornerRejection::kUnclear, 5);
+  reject(1, 2, CornerRejection::kAtEdge, 2);
+  reject(1, 5, CornerRejection::kUnclear, 1);
+  const std::string& first = world.sightings.cameras[2].camera;
+  const std::string& second = world.sightings.cameras[5].camera;
+  const auto used = [&](size_t camera) {
+    size_t corners = 0;
+    for (const auto& shot : world.sightings.sightings) {
+      corners += shot[camera].detection->corners.size();
+    }
+    return std::to_string(corners);
+  };
+  const std::string html = ReportOf(world);
+  EXPECT_NE(html.find(RowOf({"no clear corner", "6", "2", first + " 5, " + second + " 1",
+                             TextOf(CornerRejection::kUnclear).remedy})),
+            std::string::npos);
+  EXPECT_NE(html.find(RowOf({first, used(2), "7", "5", "2"})), std::string::npos);
+  EXPECT_NE(html.find(RowOf({second, used(5), "1", "1", "0"})), std::string::npos);
+}
+
+TEST(CalibrationReport, SaysSoWhenEveryMarkerAndCornerWasUsed) {
+  const std::string html = ReportOf(SmallWorld());
+  for (const char* what : {"Markers", "Corners"}) {
+    EXPECT_NE(html.find("<h2>" + std::string(what) + " not used</h2><p>None: all were used."),
+              std::string::npos)
+        << what;
+  }
 }
 
 TEST(CalibrationReport, EveryReasonHasANameAndARemedyOfItsOwn) {
   std::set<std::string> names, remedies;
+  const auto expect_new = [&](const RejectionText& text) {
+    EXPECT_TRUE(names.insert(text.name).second) << text.name;
+    EXPECT_TRUE(remedies.insert(text.remedy).second) << text.remedy;
+  };
   for (const Rejection kind :
        {Rejection::kAlone, Rejection::kMisplaced, Rejection::kOnNoFace, Rejection::kSeenTwice}) {
-    EXPECT_TRUE(names.insert(TextOf(kind).name).second);
-    EXPECT_TRUE(remedies.insert(TextOf(kind).remedy).second);
+    expect_new(TextOf(kind));
   }
+  for (const CornerRejection kind :
+       {CornerRejection::kAtEdge, CornerRejection::kSmall, CornerRejection::kFaint,
+        CornerRejection::kUnclear, CornerRejection::kOffPattern}) {
+    expect_new(TextOf(kind));
+  }
+}
+
+TEST(CalibrationReport, WhatMovedStandsOnTopAndWithTheSigmasOfBothInTheTable) {
+  const test::ProjectedRig world = SmallWorld();
+  Calibration earlier = world.truth;
+  for (CalibratedCamera& camera : earlier.cameras) camera.sigma = PoseSigma{0.0125, 0.625, 1.0};
+  const std::string moved = earlier.cameras[2].camera;
+  earlier.cameras[2].cam_from_rig.translation += Eigen::Vector3d(0.05, 0, 0);
+  earlier.cameras.push_back(earlier.cameras[0]);
+  earlier.cameras.back().camera = "z-gone";
+  const std::string html = ReportOf(world, earlier);
+  const size_t verdict = html.find("verdict look"), tiles = html.find("card tiles");
+  ASSERT_NE(verdict, std::string::npos);
+  for (const std::string& told : {moved + " moved by ", std::string("z-gone is gone")}) {
+    const size_t place = html.find(told, verdict);
+    EXPECT_LT(place, tiles) << told;
+  }
+  EXPECT_NE(html.find("<td>0.625, "), std::string::npos);
+  EXPECT_NE(html.find("<td>0.0125, "), std::string::npos);
 }
 
 }  // namespace

@@ -89,8 +89,9 @@ TEST(FitCorner, EdgesAlongThePixelsAreNoWorseThanOthers) {
         guess.pixel = square.corner_px + Eigen::Vector2d(0.2, -0.1);
         guess.px_per_square = Eigen::Rotation2Dd(square.turn_rad).toRotationMatrix() *
                               Eigen::DiagonalMatrix<double, 2>(0.5 * kSquare_px, kSquare_px);
-        const auto fit = FitCorner(Photograph(square, camera, random), guess, {});
-        ASSERT_TRUE(fit) << turn_deg << " deg";
+        const CornerMeasurement measured = FitCorner(Photograph(square, camera, random), guess, {});
+        const auto* fit = std::get_if<CornerFit>(&measured);
+        ASSERT_NE(fit, nullptr) << turn_deg << " deg";
         squares += (fit->pixel - square.corner_px).array().square();
         predicted += fit->sigma_px * fit->sigma_px;
       }

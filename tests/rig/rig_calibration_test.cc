@@ -392,20 +392,22 @@ TEST(RigCalibration, ACameraThatOneShotHoldsBadlyIsNamed) {
   daily.noise_seed = 77;
   ProjectedRig today = ProjectCorners(daily);
   auto& corners = today.sightings.sightings[0][7].detection->corners;
-  ASSERT_GT(corners.size(), 30u);
-  corners.resize(30);  // the first rows of one face
+  ASSERT_GT(corners.size(), 26u);
+  corners.resize(26);  // the first rows of one face: 0.05 px in them leave 0.3 px elsewhere
   RigCalibrationOptions options;
   options.intrinsics_from = options.frame_from = &earlier;
   const auto result = Calibrate(today, options);
   ASSERT_TRUE(result.ok()) << result.error().ToString();
-  const auto checks = CheckCameras(today.board, today.sightings, *result, {});
+  // Whole cameras leave up to 0.16 px.
+  const auto checks =
+      CheckCameras(today.board, today.sightings, *result, {.max_projection_px = 0.2});
   const auto named = [](const CameraCheck& check) {
     return std::any_of(check.advice.begin(), check.advice.end(), [](const std::string& text) {
       return text.starts_with("a point may appear");
     });
   };
-  EXPECT_TRUE(named(checks[7]));
-  EXPECT_LT(std::count_if(checks.begin(), checks.end(), named), 4) << "of 30";
+  EXPECT_TRUE(named(checks[7])) << result->uncertainty.cameras[7]->projection_max_px;
+  EXPECT_EQ(std::count_if(checks.begin(), checks.end(), named), 1) << "of 30";
 }
 
 TEST(RigCalibration, AThirdRadialParameterIsFoundWithItsUncertainty) {

@@ -407,7 +407,8 @@ TEST(WrongUsage, NamesTheWordThatIsNotKnown) {
 }
 
 TEST(Help, EveryCommandShowsAnExample) {
-  for (const std::string command : {"simulate", "reconstruct", "evaluate", "export"}) {
+  for (const std::string command :
+       {"simulate", "calibrate", "reconstruct", "evaluate", "compare", "export"}) {
     const ProcessOutcome outcome = RunProcess({ROTUNDA_COMMAND, command, "--help"});
     EXPECT_EQ(outcome.exit_code, 0);
     EXPECT_NE(outcome.output.find("Example:\n  rotunda " + command), std::string::npos)

@@ -77,13 +77,19 @@ TEST(CalibrateCommand, CalibratesReportsAndRecalibratesFromOneShot) {
   EXPECT_EQ(result["calibrated"], 5);
   EXPECT_EQ(result["shots_used"], 3);
   EXPECT_LT(result["rms_px"].get<double>(), 0.05);
-  for (const auto& rejected : result["rejected_markers"]) {
-    EXPECT_FALSE(rejected["reason"].get<std::string>().empty());
-    EXPECT_GT(rejected["count"].get<int>(), 0);
+  for (const char* list : {"rejected_markers", "rejected_corners"}) {
+    ASSERT_TRUE(result[list].is_array()) << list;
+    for (const auto& rejected : result[list]) {
+      EXPECT_FALSE(rejected["reason"].get<std::string>().empty());
+      int count = 0;
+      for (const auto& [camera, some] : rejected["cameras"].items()) count += some.get<int>();
+      EXPECT_EQ(rejected["count"], count);
+    }
   }
+  EXPECT_FALSE(result["rejected_corners"].empty()) << "some always are cut by a picture's edge";
   const std::string html = TextOf(page);
   for (const char* section : {"Layout", "Coverage and residuals over the picture", "Cameras",
-                              "Markers not used", "Target", "Shots"}) {
+                              "Markers not used", "Corners not used", "Target", "Shots"}) {
     EXPECT_NE(html.find("<h2>" + std::string(section) + "</h2>"), std::string::npos) << section;
   }
 
@@ -93,6 +99,17 @@ TEST(CalibrateCommand, CalibratesReportsAndRecalibratesFromOneShot) {
   EXPECT_EQ(daily["calibrated"], 5);
   EXPECT_EQ(daily["rig_frame"], "the earlier calibration's");
   EXPECT_TRUE(daily["changes"].empty()) << daily["changes"];
+  Calibrate({shot(3)}, folder / "again.json",
+            {"--fix-intrinsics-from", whole.string(), "--threads", "1"});
+  EXPECT_EQ(TextOf(folder / "again.json"), TextOf(folder / "daily.json"));
+
+  const ProcessOutcome compared =
+      RunProcess({ROTUNDA_COMMAND, "compare", whole, folder / "daily.json", "--json"});
+  ASSERT_EQ(compared.exit_code, 0) << compared.errors;
+  const auto changes = nlohmann::json::parse(compared.output, nullptr, false);
+  EXPECT_EQ(changes["cameras"].size(), 5u);
+  for (const auto& camera : changes["cameras"]) EXPECT_EQ(camera["lens_sigmas"], 0.0) << "kept";
+  EXPECT_EQ(changes["changes"], daily["changes"]);
 }
 
 TEST(CalibrateCommand, AModelForLensesThatAreKeptIsWrongUsage) {
