@@ -4,11 +4,12 @@
 #include <cctype>
 #include <cstdio>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <system_error>
 #include <utility>
 
 #include "config/board_config.h"
-#include "daemon/job_request.h"
+#include "daemon/calibration_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "rig/calibration_report.h"
@@ -21,8 +22,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-constexpr size_t kMaxShots = 1000;
 
 /// When the newest shot was taken; empty when the pictures do not say.
 std::string NewestShot(const rig::BoardSightings& sightings) {
@@ -106,54 +105,6 @@ std::vector<std::string> ChangesIn(const rig::CalibrationComparison& comparison)
   return changes;
 }
 
-/// What POST /v1/calibrations asks for.
-struct CalibrationRequest {
-  std::vector<std::string> captures;
-  std::string model = "opencv";
-  std::optional<std::string> frame_from, intrinsics_from, compare;
-};
-
-const std::map<std::string, rig::LensModel>& Models() {
-  static const std::map<std::string, rig::LensModel> models = {
-      {"opencv", rig::LensModel::kOpencv},
-      {"opencv5", rig::LensModel::kOpencv5},
-      {"full-opencv", rig::LensModel::kFullOpencv}};
-  return models;
-}
-
-void ReadRequestFields(const JsonField& root, CalibrationRequest& request) {
-  for (const JsonField& item : root["captures"].Items()) request.captures.push_back(item.String());
-  if (request.captures.empty() || request.captures.size() > kMaxShots) {
-    root["captures"].Refuse("ids of 1 to " + std::to_string(kMaxShots) + " captures");
-  }
-  if (root["model"].present()) request.model = root["model"].String();
-  if (!Models().contains(request.model)) {
-    root["model"].Refuse("\"opencv\", \"opencv5\" or \"full-opencv\"");
-  }
-  const auto optional = [&](const char* key, std::optional<std::string>& value) {
-    if (root[key].present()) value = root[key].String();
-  };
-  optional("frame_from", request.frame_from);
-  optional("intrinsics_from", request.intrinsics_from);
-  optional("compare", request.compare);
-}
-
-Result<CalibrationRequest> ParseCalibrationRequest(const std::string& body) {
-  CalibrationRequest request;
-  ROTUNDA_RETURN_IF_ERROR(
-      ReadRequest(body, {"captures", "model", "frame_from", "intrinsics_from", "compare"},
-                  [&](const JsonField& root) { ReadRequestFields(root, request); }));
-  return request;
-}
-
-std::string ToBody(const CalibrationRequest& request) {
-  Json body = {{"captures", request.captures}, {"model", request.model}};
-  if (request.frame_from) body["frame_from"] = *request.frame_from;
-  if (request.intrinsics_from) body["intrinsics_from"] = *request.intrinsics_from;
-  if (request.compare) body["compare"] = *request.compare;
-  return body.dump();
-}
-
 Result<std::optional<Calibration>> ReadOurs(Store& store, const std::optional<std::string>& id) {
   if (!id) return std::optional<Calibration>();
   ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRecord record, FindCalibration(store, *id));
@@ -171,7 +122,7 @@ Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
     ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(store, id));
     task.framesets.push_back(store.CaptureFolder(capture.id));
   }
-  task.model = Models().at(request.model);
+  task.model = LensModels().at(request.model);
   ROTUNDA_ASSIGN_OR_RETURN(task.frame_from, ReadOurs(store, request.frame_from));
   ROTUNDA_ASSIGN_OR_RETURN(task.intrinsics_from, ReadOurs(store, request.intrinsics_from));
   std::optional<std::string> compare = request.compare;
@@ -306,19 +257,7 @@ std::string CalibrationIdOf(const std::string& created_at) {
 }
 
 JobHandler MakeCalibrationHandler(Store& store, CalibrationJobOptions options) {
-  JobHandler handler;
-  handler.check = [](const std::string& body) -> Result<std::string> {
-    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
-    return ToBody(request);
-  };
-  handler.refers = [&store](const std::string& body) -> Status {
-    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
-    for (const std::string& id : request.captures) ROTUNDA_RETURN_IF_ERROR(FindCapture(store, id));
-    for (const auto& id : {request.frame_from, request.intrinsics_from, request.compare}) {
-      if (id) ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *id));
-    }
-    return {};
-  };
+  JobHandler handler = CalibrationRequests(store);
   handler.run = [&store, options](const JobRecord& job, JobContext& context) {
     return Run(store, options, job, context);
   };
