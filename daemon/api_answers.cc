@@ -49,6 +49,12 @@ HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& co
   return response;
 }
 
+HttpResponse BulkAnswer(std::function<HttpResponse()> make) {
+  HttpResponse response;
+  response.bulk = std::move(make);
+  return response;
+}
+
 HttpResponse Busy(const std::string& with_what) {
   HttpResponse response = Problem(503, with_what + "; try again in a second");
   response.headers.emplace_back("Retry-After", "1");

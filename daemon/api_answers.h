@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -20,6 +21,9 @@ HttpResponse JsonAnswer(const Result<T>& value) {
   return value ? JsonAnswer(ToJson(*value)) : Problem(value.error());
 }
 HttpResponse FileAnswer(const std::filesystem::path& file, const std::string& content_type);
+
+/// What `make` answers, made where it holds up nobody: for handlers that read files.
+HttpResponse BulkAnswer(std::function<HttpResponse()> make);
 
 /// 503: what is only done once at a time is being done.
 HttpResponse Busy(const std::string& with_what);

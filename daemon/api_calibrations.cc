@@ -19,6 +19,10 @@ HttpResponse File(const ApiParts& parts, const std::string& id, const std::strin
   return FileAnswer(parts.store.CalibrationFolder(id) / file, content_type);
 }
 
+HttpResponse Activate(Store& store, const std::string& id) {
+  return BulkAnswer([&store, id] { return JsonAnswer(ActivateCalibration(store, id)); });
+}
+
 HttpResponse Drift(const ApiParts& parts, const ApiRequest& request) {
   const Result<Page> page = PageOf(request);
   if (!page) return Problem(page.error());
@@ -44,71 +48,70 @@ std::vector<QueryParameter> DriftQuery() {
 }  // namespace
 
 std::vector<Route> CalibrationRoutes(const ApiParts& parts) {
-  return {
-      {.method = "POST",
-       .path = "/v1/calibrations",
-       .role = Role::kOperator,
-       .operation = "startCalibration",
-       .summary = "Queue a calibration from captures of the target",
-       .request_schema = "CalibrationRequest",
-       .status = 202,
-       .schema = "Job",
-       .handle =
-           [parts](const ApiRequest& request) {
-             return SubmitJob(parts, JobKind::kCalibration, request.http.body, request);
-           }},
-      {.method = "GET",
-       .path = "/v1/calibrations",
-       .operation = "listCalibrations",
-       .summary = "Calibrations, newest first",
-       .query = PageQuery(),
-       .schema = "CalibrationPage",
-       .handle = [parts](const ApiRequest& request) { return List(parts, request); }},
-      {.method = "GET",
-       .path = "/v1/calibrations/{calibration}",
-       .operation = "getCalibration",
-       .summary = "One calibration",
-       .schema = "Calibration",
-       .handle =
-           [parts](const ApiRequest& request) {
-             return JsonAnswer(FindCalibration(parts.store, request.path.at("calibration")));
-           }},
-      {.method = "GET",
-       .path = "/v1/calibrations/{calibration}/calibration.json",
-       .operation = "getCalibrationFile",
-       .summary = "Lenses, poses and uncertainties (rotunda-calibration/1)",
-       .handle =
-           [parts](const ApiRequest& request) {
-             return File(parts, request.path.at("calibration"), "calibration.json",
-                         "application/json");
-           }},
-      {.method = "GET",
-       .path = "/v1/calibrations/{calibration}/report",
-       .operation = "getCalibrationReport",
-       .summary = "The calibration's page, for a browser",
-       .content_type = "text/html; charset=utf-8",
-       .handle =
-           [parts](const ApiRequest& request) {
-             return File(parts, request.path.at("calibration"), "report.html",
-                         "text/html; charset=utf-8");
-           }},
-      {.method = "POST",
-       .path = "/v1/calibrations/{calibration}/activate",
-       .role = Role::kOperator,
-       .operation = "activateCalibration",
-       .summary = "Put the calibration in force",
-       .schema = "Calibration",
-       .handle =
-           [parts](const ApiRequest& request) {
-             return JsonAnswer(ActivateCalibration(parts.store, request.path.at("calibration")));
-           }},
-      {.method = "GET",
-       .path = "/v1/drift",
-       .operation = "getDrift",
-       .summary = "How far cameras are from where the calibration in force has them",
-       .query = DriftQuery(),
-       .schema = "DriftAnswer",
-       .handle = [parts](const ApiRequest& request) { return Drift(parts, request); }}};
+  return {{.method = "POST",
+           .path = "/v1/calibrations",
+           .role = Role::kOperator,
+           .operation = "startCalibration",
+           .summary = "Queue a calibration from captures of the target",
+           .request_schema = "CalibrationRequest",
+           .status = 202,
+           .schema = "Job",
+           .handle =
+               [parts](const ApiRequest& request) {
+                 return SubmitJob(parts, JobKind::kCalibration, request.http.body, request);
+               }},
+          {.method = "GET",
+           .path = "/v1/calibrations",
+           .operation = "listCalibrations",
+           .summary = "Calibrations, newest first",
+           .query = PageQuery(),
+           .schema = "CalibrationPage",
+           .handle = [parts](const ApiRequest& request) { return List(parts, request); }},
+          {.method = "GET",
+           .path = "/v1/calibrations/{calibration}",
+           .operation = "getCalibration",
+           .summary = "One calibration",
+           .schema = "Calibration",
+           .handle =
+               [parts](const ApiRequest& request) {
+                 return JsonAnswer(FindCalibration(parts.store, request.path.at("calibration")));
+               }},
+          {.method = "GET",
+           .path = "/v1/calibrations/{calibration}/calibration.json",
+           .operation = "getCalibrationFile",
+           .summary = "Lenses, poses and uncertainties (rotunda-calibration/1)",
+           .handle =
+               [parts](const ApiRequest& request) {
+                 return File(parts, request.path.at("calibration"), "calibration.json",
+                             "application/json");
+               }},
+          {.method = "GET",
+           .path = "/v1/calibrations/{calibration}/report",
+           .operation = "getCalibrationReport",
+           .summary = "The calibration's page, for a browser",
+           .content_type = "text/html; charset=utf-8",
+           .handle =
+               [parts](const ApiRequest& request) {
+                 return File(parts, request.path.at("calibration"), "report.html",
+                             "text/html; charset=utf-8");
+               }},
+          {.method = "POST",
+           .path = "/v1/calibrations/{calibration}/activate",
+           .role = Role::kOperator,
+           .operation = "activateCalibration",
+           .summary = "Put the calibration in force",
+           .schema = "Calibration",
+           .handle =
+               [parts](const ApiRequest& request) {
+                 return Activate(parts.store, request.path.at("calibration"));
+               }},
+          {.method = "GET",
+           .path = "/v1/drift",
+           .operation = "getDrift",
+           .summary = "How far cameras are from where the calibration in force has them",
+           .query = DriftQuery(),
+           .schema = "DriftAnswer",
+           .handle = [parts](const ApiRequest& request) { return Drift(parts, request); }}};
 }
 
 }  // namespace rotunda::daemon

@@ -122,28 +122,41 @@ Result<std::string> Archive(const fs::path& reconstruction, const std::string& f
   return exported ? TarOf(scratch.path()) : exported.error();
 }
 
-HttpResponse Export(const ApiParts& parts, const ApiRequest& request, Exporter& exporter) {
+/// A model that the format cannot hold is 422: the request can be read, and another format would
+/// do.
+HttpResponse ArchiveAnswer(const fs::path& reconstruction, const std::string& format,
+                           Exporter& exporter) {
+  HttpResponse response;
+  response.held = exporter.archives.Take();
+  if (!response.held) return Busy("others are taking as many exports as there may be");
+  const std::unique_lock only(exporter.one, std::try_to_lock);
+  if (!only) return Busy("another export is being made");
+  Result<std::string> tar = Archive(reconstruction, format);
+  if (!tar && tar.error().code == ErrorCode::kInvalidArgument) {
+    return Problem(422, format + ": " + tar.error().ToString());
+  }
+  if (!tar) return Problem(tar.error());
+  response.content_type = "application/octet-stream";
+  response.body = *std::move(tar);
+  return response;
+}
+
+HttpResponse Export(const ApiParts& parts, const ApiRequest& request,
+                    const std::shared_ptr<Exporter>& exporter) {
   const std::string& capture = request.path.at("capture");
   const std::string& format = request.query.at("format");
   const auto folder = BestReconstruction(parts, capture);
   if (!folder) return Problem(folder.error());
-  HttpResponse response;
   const bool is_ply = format == "ply";
-  if (is_ply) {
-    response = FileAnswer(*folder / "points.ply", "application/octet-stream");
-  } else {
-    response.held = exporter.archives.Take();
-    if (!response.held) return Busy("others are taking as many exports as there may be");
-    const std::unique_lock only(exporter.one, std::try_to_lock);
-    if (!only) return Busy("another export is being made");
-    Result<std::string> tar = Archive(*folder, format);
-    if (!tar) return Problem(tar.error());
-    response.content_type = "application/octet-stream";
-    response.body = *std::move(tar);
-  }
-  response.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + capture + "-" +
-                                                           format + (is_ply ? "\"" : ".tar\""));
-  return response;
+  const auto as_file = [name = capture + "-" + format + (is_ply ? "" : ".tar")](HttpResponse made) {
+    if (made.status != 200) return made;
+    made.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + name + "\"");
+    return made;
+  };
+  if (is_ply) return as_file(FileAnswer(*folder / "points.ply", "application/octet-stream"));
+  return BulkAnswer([folder = *folder, format, exporter, as_file] {
+    return as_file(ArchiveAnswer(folder, format, *exporter));
+  });
 }
 
 /// kNotFound when it is not there, unless the same was asked for before: that is known as long as
@@ -216,8 +229,11 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
            "The capture's `reconstruction` for other programs: a tar archive, or the PLY file",
        .query = {{"format", "What to write", ExportFormats(), true}},
        .content_type = "application/octet-stream",
+       .refusals = {{422,
+                     "The format cannot hold the model: `detail` names the camera, its lens "
+                     "model, and the lens models that the format holds"}},
        .handle = [parts, exporter](const ApiRequest& request) {
-         return Export(parts, request, *exporter);
+         return Export(parts, request, exporter);
        }}};
 }
 

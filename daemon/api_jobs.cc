@@ -128,7 +128,9 @@ std::vector<Route> JobRoutes(const ApiParts& parts) {
        .path = "/v1/jobs/{job}/rerun",
        .role = Role::kOperator,
        .operation = "rerunJob",
-       .summary = "Queue an interrupted, failed or cancelled job again",
+       .summary =
+           "Queue an interrupted, failed or cancelled job again; a shot that it has taken is "
+           "kept, else it takes one now, under a new id",
        .schema = "Job",
        .handle =
            [parts](const ApiRequest& request) {

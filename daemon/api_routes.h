@@ -4,6 +4,7 @@
 #include <map>
 #include <mutex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "daemon/http_message.h"
@@ -38,6 +39,8 @@ struct Route {
   int status = 200;                 // of success
   std::string content_type = "application/json";
   std::string schema = {};  // of the answer, when it is JSON
+  // Statuses with which it refuses for reasons of its own.
+  std::vector<std::pair<int, std::string>> refusals = {};
   std::function<HttpResponse(const ApiRequest&)> handle = nullptr;
 };
 

@@ -1,8 +1,10 @@
 #include <sys/stat.h>
 
+#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <sstream>
 #include <system_error>
 
@@ -19,34 +21,63 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 /// Whether the calibration in force can be read. Its file is parsed when it has changed, not at
-/// every look: fifty clients may ask for the status.
+/// every look: fifty clients may ask for the status. One looks at a time and nobody waits for it,
+/// so that a file that hangs holds up one alone.
 class CalibrationCheck {
  public:
-  /// What is wrong with it; empty: nothing.
+  /// What an operator is to know of it; empty: all is well.
   std::string Problem(const Store& store, const std::string& id) {
-    const std::filesystem::path file = store.CalibrationFolder(id) / "calibration.json";
-    struct stat now {};
-    const bool is_there = ::stat(file.c_str(), &now) == 0;
-    const std::lock_guard lock(mutex_);
-    // The time of the last change of contents, owner or mode.
-    if (is_there && id == id_ && now.st_ctim.tv_sec == changed_.tv_sec &&
-        now.st_ctim.tv_nsec == changed_.tv_nsec) {
-      return problem_;
+    if (const std::unique_lock only(looking_, std::try_to_lock); only) {
+      SetBegun();
+      Seen seen = Look(store, id);
+      const std::lock_guard lock(mutex_);
+      seen_ = std::move(seen);
+      begun_.reset();
+      return seen_.problem;
     }
-    const Result<std::string> text = CalibrationText(store, id);
-    problem_ = text ? "" : text.error().ToString();
-    // What is wrong with the machine, not with the file, may be over at the next look.
-    const bool may_pass = !text && text.error().code == ErrorCode::kIo;
-    id_ = may_pass ? "" : id;
-    changed_ = now.st_ctim;
-    return problem_;
+    const std::lock_guard lock(mutex_);
+    if (!begun_ || Clock::now() - *begun_ < kSlowLook) return seen_.problem;
+    return "the file of the calibration in force does not answer, and a capture would wait for it: "
+           "is its disk or share there?";
   }
 
  private:
-  std::mutex mutex_;
-  std::string id_;  // empty: look again
-  timespec changed_ = {};
-  std::string problem_;
+  struct Seen {
+    std::string id;  // empty: look again
+    timespec changed = {};
+    std::string problem;
+  };
+  using Clock = std::chrono::steady_clock;
+  static constexpr auto kSlowLook = std::chrono::seconds(2);
+
+  void SetBegun() {
+    const std::lock_guard lock(mutex_);
+    begun_ = Clock::now();
+  }
+
+  /// By the one that looks, who alone changes `seen_`.
+  Seen Look(const Store& store, const std::string& id) const {
+    const std::filesystem::path file = store.CalibrationFolder(id) / "calibration.json";
+    struct stat now {};
+    const bool is_there = ::stat(file.c_str(), &now) == 0;
+    // The time of the last change of contents, owner or mode.
+    if (is_there && id == seen_.id && now.st_ctim.tv_sec == seen_.changed.tv_sec &&
+        now.st_ctim.tv_nsec == seen_.changed.tv_nsec) {
+      return seen_;
+    }
+    const Result<std::string> text = CalibrationText(store, id);
+    // What is wrong with the machine, not with the file, may be over at the next look.
+    const bool may_pass = !text && text.error().code == ErrorCode::kIo;
+    return {
+        may_pass ? "" : id, now.st_ctim,
+        text ? ""
+             : "captures are taken without the calibration in force: " + text.error().ToString()};
+  }
+
+  std::mutex looking_;
+  std::mutex mutex_;                        // of what follows
+  std::optional<Clock::time_point> begun_;  // nullopt: nobody looks
+  Seen seen_;
 };
 
 /// What status and metrics tell.
@@ -114,9 +145,7 @@ Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& ove
     return {};
   }
   const std::string wrong = check.Problem(store, overview.calibration->id);
-  if (!wrong.empty()) {
-    overview.problems.push_back("captures are taken without the calibration in force: " + wrong);
-  }
+  if (!wrong.empty()) overview.problems.push_back(wrong);
   return {};
 }
 

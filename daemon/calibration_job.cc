@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <cctype>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <system_error>
 #include <utility>
 
 #include "config/board_config.h"
-#include "daemon/job_request.h"
+#include "daemon/calibration_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "rig/calibration_report.h"
@@ -20,8 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-constexpr size_t kMaxShots = 1000;
 
 /// When the newest shot was taken; empty when the pictures do not say.
 std::string NewestShot(const rig::BoardSightings& sightings) {
@@ -86,52 +85,6 @@ std::vector<std::string> Notes(const rig::BoardSightings& sightings,
   return notes;
 }
 
-/// What POST /v1/calibrations asks for.
-struct CalibrationRequest {
-  std::vector<std::string> captures;
-  std::string model = "opencv";
-  std::optional<std::string> frame_from, intrinsics_from, compare;
-};
-
-std::string LensModelNames() {
-  std::string names;
-  for (const auto& [name, model] : rig::LensModelsByName()) {
-    names += (names.empty() ? "\"" : ", \"") + name + "\"";
-  }
-  return names;
-}
-
-void ReadRequestFields(const JsonField& root, CalibrationRequest& request) {
-  for (const JsonField& item : root["captures"].Items()) request.captures.push_back(item.String());
-  if (request.captures.empty() || request.captures.size() > kMaxShots) {
-    root["captures"].Refuse("ids of 1 to " + std::to_string(kMaxShots) + " captures");
-  }
-  if (root["model"].present()) request.model = root["model"].String();
-  if (!rig::LensModelsByName().contains(request.model)) {
-    root["model"].Refuse("one of " + LensModelNames());
-  }
-  const auto optional = [&](const char* key, std::optional<std::string>& value) {
-    if (root[key].present()) value = root[key].String();
-  };
-  optional("frame_from", request.frame_from);
-  optional("intrinsics_from", request.intrinsics_from);
-  optional("compare", request.compare);
-}
-
-Result<CalibrationRequest> ParseCalibrationRequest(const std::string& body) {
-  CalibrationRequest request;
-  ROTUNDA_RETURN_IF_ERROR(
-      ReadRequest(body, {"captures", "model", "frame_from", "intrinsics_from", "compare"},
-                  [&](const JsonField& root) { ReadRequestFields(root, request); }));
-  return request;
-}
-
-std::string ToBody(const CalibrationRequest& request) {
-  Json body = {{"captures", request.captures}, {"model", request.model}};
-  if (request.frame_from) body["frame_from"] = *request.frame_from;
-  if (request.intrinsics_from) body["intrinsics_from"] = *request.intrinsics_from;
-  if (request.compare) body["compare"] = *request.compare;
-  return body.dump();
 }
 
 Result<std::optional<Calibration>> ReadOurs(Store& store, const std::optional<std::string>& id) {
@@ -286,19 +239,7 @@ std::string CalibrationIdOf(const std::string& created_at) {
 }
 
 JobHandler MakeCalibrationHandler(Store& store, CalibrationJobOptions options) {
-  JobHandler handler;
-  handler.check = [](const std::string& body) -> Result<std::string> {
-    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
-    return ToBody(request);
-  };
-  handler.refers = [&store](const std::string& body) -> Status {
-    ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRequest request, ParseCalibrationRequest(body));
-    for (const std::string& id : request.captures) ROTUNDA_RETURN_IF_ERROR(FindCapture(store, id));
-    for (const auto& id : {request.frame_from, request.intrinsics_from, request.compare}) {
-      if (id) ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *id));
-    }
-    return {};
-  };
+  JobHandler handler = CalibrationRequests(store);
   handler.run = [&store, options](const JobRecord& job, JobContext& context) {
     return Run(store, options, job, context);
   };

@@ -56,8 +56,7 @@ struct CalibrationJobOptions {
   int threads = 0;              // 0: the machine's cores
 };
 
-/// POST /v1/calibrations {"captures": [ids], "model": a name in rig::LensModelsByName?,
-/// "frame_from", "intrinsics_from", "compare": ids of calibrations?}. Compared with the one in
+/// Jobs with bodies as CalibrationRequest. Compared with the one in
 /// force unless said otherwise. Result: {"calibration", "calibrated", "of", "shots", "shots_used",
 /// "corners", "kept", "rms_px", "notes", "changes"?}. It is not in force before it is activated.
 JobHandler MakeCalibrationHandler(Store& store, CalibrationJobOptions options);

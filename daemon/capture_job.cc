@@ -11,7 +11,7 @@
 #include <utility>
 
 #include "daemon/job_request.h"
-#include "daemon/reconstruction_job.h"
+#include "daemon/reconstruction_request.h"
 #include "daemon/retention.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
@@ -181,6 +181,12 @@ struct CaptureWork {
   Status CheckRoom() const {
     return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes);
   }
+  /// Whether an earlier run, which did not come to its end, had taken its shot.
+  bool HasShot(const std::string& id) const {
+    std::error_code ignored;
+    return !id.empty() &&
+           std::filesystem::exists(store.CaptureFolder(id) / "frameset.json", ignored);
+  }
   /// `notes` gets what the operator is to know of it.
   Result<rig::FrameSetOrder> Order(const std::string& id, const CaptureRequest& request,
                                    std::vector<std::string>& notes) const;
@@ -211,15 +217,13 @@ Result<rig::FrameSetOrder> CaptureWork::Order(const std::string& id, const Captu
 Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) const {
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRequest request, ParseCaptureRequest(job.body));
   std::string id = job.product;
-  if (id.empty()) {
-    ROTUNDA_ASSIGN_OR_RETURN(id, FreeCaptureId(store));
-    ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
-  }
   std::optional<rig::Shot> shot;
   std::vector<std::string> notes;
-  std::error_code ignored;
-  if (!std::filesystem::exists(store.CaptureFolder(id) / "frameset.json", ignored)) {
+  if (!HasShot(id)) {
     ROTUNDA_RETURN_IF_ERROR(CheckRoom());
+    // Also when an earlier run had reserved one: an id tells when its shot was taken.
+    ROTUNDA_ASSIGN_OR_RETURN(id, FreeCaptureId(store));
+    ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
     ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request, notes));
     ROTUNDA_ASSIGN_OR_RETURN(CaptureStation::Taken taken, station.Take(std::move(order), context));
     shot = std::move(taken.shot);

@@ -73,8 +73,9 @@ std::optional<NewJob> CaptureFollowUp(const JobRecord& job);
 /// force; when that cannot be read the shot is taken without it and "notes" says so. Its
 /// reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok", "of",
 /// "complete", "notes"?, "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
-/// "resent_packets"}, the figures of the shot only when it was taken in this run. `store` and
-/// `station` outlive the handler.
+/// "resent_packets"}, the figures of the shot only when it was taken in this run. Run again it
+/// keeps the shot that it had taken; without one it takes it under a new id. `store` and `station`
+/// outlive the handler.
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options);
 
 }  // namespace rotunda::daemon

@@ -40,7 +40,7 @@ struct HttpRequest {
 /// Gives what has come up since it was called last; empty: nothing yet.
 using StreamSource = std::function<std::string()>;
 
-/// Exactly one of `body`, `file` and `stream` is sent.
+/// Exactly one of `body`, `file`, `stream` and what `bulk` makes is sent.
 struct HttpResponse {
   int status = 200;
   std::string content_type = "application/json";
@@ -48,6 +48,9 @@ struct HttpResponse {
   std::string body = {};
   std::optional<std::filesystem::path> file = std::nullopt;
   StreamSource stream = nullptr;  // until the client goes or the server stops
+  // What reads files may take long, or hang on a share that is gone: the server has only a few of
+  // these under way at a time, so that other requests find a thread.
+  std::function<HttpResponse()> bulk = nullptr;
   // Let go when the body has been taken or its client has gone.
   std::shared_ptr<const void> held = nullptr;
 };

@@ -12,6 +12,7 @@
 #include <condition_variable>
 #include <csignal>
 #include <cstring>
+#include <deque>
 #include <mutex>
 #include <optional>
 #include <set>
@@ -54,6 +55,11 @@ constexpr uint64_t kFilePieceBytes = uint64_t{1} << 18;
 constexpr int kBacklog = 64;
 constexpr int kHttp11 = 11;
 constexpr int kOperatorsShare = 8;  // one in so many places
+// Of the handlers' threads: one may be held up by a camera or a file that is looked at for the
+// status, the other answers.
+constexpr int kNeverBulk = 2;
+constexpr char kFilesRetry_s[] = "10";
+constexpr char kFilesHang[] = "the files are not read in time: does their disk or share answer?";
 
 /// Groups of the process at the other end, supplementary ones too, when it connected.
 std::vector<gid_t> PeerGroups(int fd, gid_t primary) {
@@ -128,8 +134,20 @@ struct HttpServer::Impl {
         access(options.access),
         handlers(static_cast<size_t>(options.limits.handler_threads)) {}
 
+  /// Work that reads files, and what to do instead when its turn does not come until `patience`.
+  /// `work` runs in a handler's thread, `give_up` in the input/output thread.
+  struct Bulk {
+    std::function<void()> work;
+    std::function<void()> give_up;
+    Clock::time_point patience;
+  };
+
   void Accept();
   void Accepted(Socket socket);
+  // All in the input/output thread.
+  void Do(Bulk bulk);
+  void Next();
+  void GiveUpLateBulk();
   void Beat();
   void Gone(Session* session);
   /// In the input/output thread.
@@ -150,9 +168,13 @@ struct HttpServer::Impl {
   net::steady_timer accept_pause{io};
   net::thread_pool handlers;
   std::thread thread;
+  // Of the input/output thread. Sessions that wait here go before the context that they hang on.
+  std::deque<Bulk> waiting_bulk;
+  int running_bulk = 0;
 };
 
-/// One connection. Kept by the operations it waits for; all members run in the input/output thread.
+/// One connection. Kept by the operations it waits for; all members run in the input/output thread,
+/// its end too: what a handler's thread holds of it goes back with the result.
 class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
  public:
   Session(Impl& server, Socket socket, const Peer& peer)
@@ -198,10 +220,12 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
     is_writing_ = true;
     pull_again_ = false;
     heartbeat_.cancel();
-    net::post(server_.handlers, [self = shared_from_this()] {
+    net::post(server_.handlers, [self = shared_from_this()]() mutable {
       std::string piece = self->Ask();
-      net::post(self->server_.io,
-                [self, piece = std::move(piece)]() mutable { self->OnPiece(std::move(piece)); });
+      net::io_context& io = self->server_.io;
+      net::post(io, [self = std::move(self), piece = std::move(piece)]() mutable {
+        self->OnPiece(std::move(piece));
+      });
     });
   }
 
@@ -264,9 +288,10 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
     request_.peer = peer_;
     begin_ = Clock::now();
     ++server_.requests;
-    net::post(server_.handlers, [self = shared_from_this()] {
+    net::post(server_.handlers, [self = shared_from_this()]() mutable {
       HttpResponse response = self->Handle();
-      net::post(self->server_.io, [self, response = std::move(response)]() mutable {
+      net::io_context& io = self->server_.io;
+      net::post(io, [self = std::move(self), response = std::move(response)]() mutable {
         self->Send(std::move(response));
       });
     });
@@ -274,8 +299,12 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
 
   /// In a handler's thread; the request is left alone meanwhile.
   HttpResponse Handle() const {
+    return Guarded([this] { return server_.options.handle(request_); });
+  }
+  template <typename Make>
+  static HttpResponse Guarded(const Make& make) {
     try {
-      return server_.options.handle(request_);
+      return make();
     } catch (const std::exception& unexpected) {
       return Problem(500, std::string("unexpected failure: ") + unexpected.what());
     }
@@ -295,6 +324,7 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
                                   " event streams already; close one");
     }
     if (response.stream) return SendStream(std::move(response));
+    if (response.bulk) return SendBulk(std::move(response.bulk));
     if (response.file) return SendFile(std::move(response));
     SendBody(std::move(response));
   }
@@ -331,15 +361,38 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
            milliseconds(1000 * bytes / rate);
   }
 
+  Clock::time_point BulkPatience() const {
+    return Clock::now() + milliseconds(server_.options.limits.write_ms);
+  }
+
+  void SendBulk(std::function<HttpResponse()> make) {
+    const auto self = shared_from_this();
+    server_.Do({[self, make = std::move(make)] {
+                  net::post(self->server_.io, [self, response = Guarded(make)]() mutable {
+                    self->Send(std::move(response));
+                  });
+                },
+                [self] { self->SendTooLate(); }, BulkPatience()});
+  }
+
+  void SendTooLate() {
+    HttpResponse response = Problem(503, kFilesHang);
+    response.headers.emplace_back("Retry-After", kFilesRetry_s);
+    SendBody(std::move(response));
+  }
+
   void SendFile(HttpResponse response) {
-    net::post(server_.handlers, [self = shared_from_this(), response = std::move(response)] {
-      auto answer = std::make_shared<FileAnswer>();
-      beast::error_code error;
-      answer->file.open(response.file->c_str(), beast::file_mode::scan, error);
-      if (!error) answer->left_bytes = answer->file.size(error);
-      net::post(self->server_.io,
-                [self, response, answer, error] { self->OnFile(response, answer, error); });
-    });
+    const auto self = shared_from_this();
+    server_.Do({[self, response = std::move(response)] {
+                  auto answer = std::make_shared<FileAnswer>();
+                  beast::error_code error;
+                  answer->file.open(response.file->c_str(), beast::file_mode::scan, error);
+                  if (!error) answer->left_bytes = answer->file.size(error);
+                  net::post(self->server_.io, [self, response, answer, error] {
+                    self->OnFile(response, answer, error);
+                  });
+                },
+                [self] { self->SendTooLate(); }, BulkPatience()});
   }
 
   void OnFile(const HttpResponse& response, const std::shared_ptr<FileAnswer>& answer,
@@ -356,19 +409,26 @@ class HttpServer::Impl::Session : public std::enable_shared_from_this<Session> {
   }
 
   void ReadPiece(const std::shared_ptr<FileAnswer>& answer) {
-    net::post(server_.handlers, [self = shared_from_this(), answer] {
-      const uint64_t bytes = std::min(kFilePieceBytes, answer->left_bytes);
-      answer->piece.resize(bytes);
-      beast::error_code error;
-      const size_t read = bytes > 0 ? answer->file.read(answer->piece.data(), bytes, error) : 0;
-      std::string trouble = error ? error.message() : "";
-      if (!error && read < bytes) trouble = "the file is shorter than it was";
-      net::post(self->server_.io, [self, answer, trouble = std::move(trouble)] {
-        // Cut off, so that the client does not take it for the whole file.
-        if (!trouble.empty()) return self->CutOff(trouble);
-        self->OnFilePiece(answer);
-      });
-    });
+    const auto self = shared_from_this();
+    server_.Do({[self, answer] {
+                  std::string trouble = NextPiece(*answer);
+                  net::post(self->server_.io, [self, answer, trouble = std::move(trouble)] {
+                    // Cut off, so that the client does not take it for the whole file.
+                    if (!trouble.empty()) return self->CutOff(trouble);
+                    self->OnFilePiece(answer);
+                  });
+                },
+                [self] { self->CutOff(kFilesHang); }, BulkPatience()});
+  }
+
+  /// What is wrong; empty: nothing.
+  static std::string NextPiece(FileAnswer& answer) {
+    const uint64_t bytes = std::min(kFilePieceBytes, answer.left_bytes);
+    answer.piece.resize(bytes);
+    beast::error_code error;
+    const size_t read = bytes > 0 ? answer.file.read(answer.piece.data(), bytes, error) : 0;
+    if (error) return error.message();
+    return read < bytes ? "the file is shorter than it was" : "";
   }
 
   void OnFilePiece(const std::shared_ptr<FileAnswer>& answer) {
@@ -565,7 +625,36 @@ void HttpServer::Impl::Accepted(Socket socket) {
   socket.write_some(net::buffer(answer), ignored);
 }
 
+void HttpServer::Impl::Do(Bulk bulk) {
+  waiting_bulk.push_back(std::move(bulk));
+  Next();
+}
+
+void HttpServer::Impl::Next() {
+  const int most = std::max(1, options.limits.handler_threads - kNeverBulk);
+  if (waiting_bulk.empty() || running_bulk >= most) return;
+  ++running_bulk;
+  net::post(handlers, [this, work = std::move(waiting_bulk.front().work)]() mutable {
+    work();
+    net::post(io, [this, done = std::move(work)] {  // and its session, to where that may end
+      --running_bulk;
+      Next();
+    });
+  });
+  waiting_bulk.pop_front();
+}
+
+void HttpServer::Impl::GiveUpLateBulk() {
+  // All are as patient: the first waits the longest.
+  while (!waiting_bulk.empty() && waiting_bulk.front().patience < Clock::now()) {
+    const Bulk late = std::move(waiting_bulk.front());
+    waiting_bulk.pop_front();
+    late.give_up();
+  }
+}
+
 void HttpServer::Impl::Beat() {
+  GiveUpLateBulk();
   net::post(handlers, [this] { last_beat = Clock::now().time_since_epoch().count(); });
   beat.expires_after(kBeatInterval);
   beat.async_wait([this](beast::error_code error) {
@@ -587,6 +676,7 @@ void HttpServer::Impl::EndAll(bool at_once) {
   accept_pause.cancel();
   const std::set<Session*> all = sessions;
   for (Session* session : all) at_once ? session->Close() : session->End();
+  if (at_once) waiting_bulk.clear();
 }
 
 HttpServer::HttpServer() = default;

@@ -25,6 +25,8 @@ struct HttpLimits {
   // On the whole an answer must be taken at this rate: a large one may take long, but not for ever.
   int least_bytes_per_s = 50000;
   int heartbeat_ms = 15000;  // a stream on which nothing happens says so
+  // Two of them (of three or more) never read files for an answer (`file`, `bulk`): files that hang
+  // leave them free. Who waits longer than write_ms for one that may is told 503.
   int handler_threads = 4;
 };
 

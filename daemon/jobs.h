@@ -26,8 +26,8 @@ struct JobHandler {
   std::function<Result<std::string>(const std::string& body)> check;
   /// Whether new jobs can be taken now; not asked for one that was taken before. May be null.
   std::function<Status()> admit;
-  /// Does the work; gives the result, a JSON object. A job that was interrupted comes again with
-  /// the `product` of its first run.
+  /// Does the work; gives the result, a JSON object. A job that runs again comes with the
+  /// `product` of the run before.
   std::function<Result<std::string>(const JobRecord& job, JobContext& context)> run;
   /// Whether what a checked body refers to is there: kNotFound. Not asked for a job that was taken
   /// before, which may have outlived what it was about. May be null.

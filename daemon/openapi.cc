@@ -52,6 +52,11 @@ Json Parameters(const Route& route) {
   return parameters;
 }
 
+Json Refusal(const std::string& why) {
+  return {{"description", why},
+          {"content", {{"application/problem+json", {{"schema", SchemaOf("Problem")}}}}}};
+}
+
 Json Operation(const Route& route) {
   Json operation = {{"operationId", route.operation},
                     {"summary", route.summary},
@@ -66,11 +71,12 @@ Json Operation(const Route& route) {
   }
   Json content = {{route.content_type, Json::object()}};
   if (!route.schema.empty()) content[route.content_type]["schema"] = SchemaOf(route.schema);
-  operation["responses"] = {
-      {std::to_string(route.status), {{"description", "Done"}, {"content", content}}},
-      {"default",
-       {{"description", "Refused or failed: `detail` says why"},
-        {"content", {{"application/problem+json", {{"schema", SchemaOf("Problem")}}}}}}}};
+  Json& responses = operation["responses"];
+  responses[std::to_string(route.status)] = {{"description", "Done"}, {"content", content}};
+  for (const auto& [status, why] : route.refusals) {
+    responses[std::to_string(status)] = Refusal(why);
+  }
+  responses["default"] = Refusal("Refused or failed: `detail` says why");
   return operation;
 }
 

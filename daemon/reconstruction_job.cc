@@ -1,9 +1,10 @@
 #include "daemon/reconstruction_job.h"
 
+#include <nlohmann/json.hpp>
 #include <system_error>
 #include <utility>
 
-#include "daemon/job_request.h"
+#include "daemon/reconstruction_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
@@ -16,55 +17,11 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr char kTcSfm[] = "tc-sfm", kPlain[] = "plain";
-constexpr char kExhaustive[] = "exhaustive", kNeighbours[] = "neighbours";
-
-struct ReconstructionRequest {
-  std::string capture;
-  std::optional<std::string> calibration;
-  std::string method = kTcSfm;
-  std::string pairs = kExhaustive;
-  std::optional<bool> refine_intrinsics;
-};
-
-std::string ReadChoice(const JsonField& field, const std::string& first,
-                       const std::string& second) {
-  if (!field.present()) return first;
-  std::string choice = field.String();
-  if (choice != first && choice != second) field.Refuse("\"" + first + "\" or \"" + second + "\"");
-  return choice;
-}
-
-Result<ReconstructionRequest> ParseReconstructionRequest(const std::string& body) {
-  ReconstructionRequest request;
-  ROTUNDA_RETURN_IF_ERROR(
-      ReadRequest(body, {"capture", "calibration", "method", "pairs", "refine_intrinsics"},
-                  [&](const JsonField& root) {
-                    request.capture = root["capture"].String();
-                    if (root["calibration"].present())
-                      request.calibration = root["calibration"].String();
-                    request.method = ReadChoice(root["method"], kTcSfm, kPlain);
-                    request.pairs = ReadChoice(root["pairs"], kExhaustive, kNeighbours);
-                    const JsonField refine = root["refine_intrinsics"];
-                    if (refine.present()) request.refine_intrinsics = refine.Bool();
-                  }));
-  return request;
-}
-
-std::string ToBody(const ReconstructionRequest& request) {
-  Json body = {{"capture", request.capture}};
-  if (request.calibration) body["calibration"] = *request.calibration;
-  body["method"] = request.method;
-  body["pairs"] = request.pairs;
-  if (request.refine_intrinsics) body["refine_intrinsics"] = *request.refine_intrinsics;
-  return body.dump();
-}
-
 sfm::PipelineOptions OptionsOf(const ReconstructionRequest& request) {
   sfm::PipelineOptions options;
-  if (request.method == kPlain) options.method = sfm::Method::kPlain;
+  if (request.method == kPlainMethod) options.method = sfm::Method::kPlain;
   sfm::ApplyPreset(sfm::Preset::kRig, options);
-  if (request.pairs == kNeighbours) options.pairs = sfm::PairSelection::kNeighbours;
+  if (request.pairs == kNeighbourPairs) options.pairs = sfm::PairSelection::kNeighbours;
   options.refine_intrinsics = request.refine_intrinsics;
   return options;
 }
@@ -158,26 +115,8 @@ Result<sfm::PipelineResult> MakeReconstruction(const ReconstructionTask& task,
   return result;
 }
 
-std::string ReconstructionBody(const std::string& capture) {
-  ReconstructionRequest request;
-  request.capture = capture;
-  return ToBody(request);
-}
-
 JobHandler MakeReconstructionHandler(Store& store, int threads) {
-  JobHandler handler;
-  handler.check = [](const std::string& body) -> Result<std::string> {
-    ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request, ParseReconstructionRequest(body));
-    return ToBody(request);
-  };
-  handler.refers = [&store](const std::string& body) -> Status {
-    ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request, ParseReconstructionRequest(body));
-    ROTUNDA_RETURN_IF_ERROR(FindCapture(store, request.capture));
-    if (request.calibration) {
-      ROTUNDA_RETURN_IF_ERROR(FindCalibration(store, *request.calibration));
-    }
-    return {};
-  };
+  JobHandler handler = ReconstructionRequests(store);
   handler.run = [&store, threads](const JobRecord& job, JobContext& context) {
     return Run(store, threads, job, context);
   };

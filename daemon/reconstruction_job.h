@@ -27,14 +27,10 @@ struct ReconstructionTask {
 };
 Result<sfm::PipelineResult> MakeReconstruction(const ReconstructionTask& task, RunContext& context);
 
-/// The body of the request to reconstruct a capture in the usual way.
-std::string ReconstructionBody(const std::string& capture);
-
-/// POST /v1/captures/{id}/reconstructions, its body with "capture" added: {"capture": id,
-/// "calibration": id?, "method": "tc-sfm" | "plain"?, "pairs": "exhaustive" | "neighbours"?,
-/// "refine_intrinsics": bool?}. Without a calibration the one that was in force at the capture is
-/// taken. Result: {"reconstruction", "capture", "registered", "of", "rms_px", "verdict",
-/// "verdict_reason", "notes"}. `threads` 0: the machine's cores. `store` outlives the handler.
+/// Jobs with bodies as ReconstructionRequest. Without a calibration the one that was in force at
+/// the capture is taken. Result: {"reconstruction", "capture", "registered", "of", "rms_px",
+/// "verdict", "verdict_reason", "notes"}. `threads` 0: the machine's cores. `store` outlives the
+/// handler.
 JobHandler MakeReconstructionHandler(Store& store, int threads);
 
 }  // namespace rotunda::daemon

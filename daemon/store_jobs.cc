@@ -297,7 +297,10 @@ Result<size_t> PruneJobs(Store& store, size_t keep) {
             .Bind(uint64_t{keep})
             .Run());
     removed = database.Number("SELECT changes()");
-    return removed ? Status() : Status(removed.error());
+    if (!removed) return removed.error();
+    return database.Execute(
+        "DELETE FROM events WHERE kind GLOB 'job_*' AND CAST(about AS INTEGER) NOT IN "
+        "(SELECT number FROM jobs)");
   }));
   return static_cast<size_t>(*removed);
 }

@@ -28,8 +28,9 @@ Status EndJob(Store& store, const JobRecord& end);
 /// Queued: cancelled at once. Running: marked; its worker must be told. kInvalidArgument when the
 /// job has ended.
 Result<JobRecord> RequestCancel(Store& store, int64_t number);
-/// Removes jobs that are done, failed or cancelled and not among the newest `keep` jobs; gives how
-/// many.
+/// Removes jobs that are done, failed or cancelled and not among the newest `keep` jobs, and the
+/// events of jobs that are not there any more (the other events are the history of captures,
+/// calibrations and cameras, and stay); gives how many jobs.
 Result<size_t> PruneJobs(Store& store, size_t keep);
 /// Whether a job in this state can be queued again.
 bool CanRunAgain(JobState state);

@@ -139,7 +139,7 @@ struct JobRecord {
   uint64_t done = 0, total = 0;
   std::string idempotency_key;  // empty: none
   std::string body;             // the request, a JSON object
-  std::string product;          // id of what it makes; reserved before the work begins
+  std::string product;          // id of what it makes; reserved before a run's work begins
   std::string result;           // a JSON object; empty unless done
   std::string error;            // empty unless failed or interrupted
   std::string created_at;

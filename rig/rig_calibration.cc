@@ -493,13 +493,6 @@ Status AlignFrame(const BoardSightings& sightings, const RigCalibrationOptions& 
 
 }  // namespace
 
-const std::map<std::string, LensModel>& LensModelsByName() {
-  static const std::map<std::string, LensModel> models = {{"opencv", LensModel::kOpencv},
-                                                          {"opencv5", LensModel::kOpencv5},
-                                                          {"full-opencv", LensModel::kFullOpencv}};
-  return models;
-}
-
 Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>& views,
                           const FreeUnknowns& free, const RigModel& model, RunContext& context) {
   RigSolveOptions options;

@@ -6,20 +6,11 @@
 #include <vector>
 
 #include "rig/calibration_start.h"
+#include "rig/lens_models.h"
 #include "rig/rig_uncertainty.h"
 #include "sfm/core/calibration.h"
 
 namespace rotunda::rig {
-
-/// The lens parameters that are found; the models but the first are stored as FULL_OPENCV.
-enum class LensModel {
-  kOpencv,      // fx fy cx cy k1 k2 p1 p2
-  kOpencv5,     // and k3
-  kFullOpencv,  // and k4 k5 k6
-};
-
-/// As an operator and a request name them: "opencv", "opencv5", "full-opencv".
-const std::map<std::string, LensModel>& LensModelsByName();
 
 struct RigCalibrationOptions {
   LensModel model = LensModel::kOpencv;  // of intrinsics that are found

@@ -50,8 +50,10 @@ Result<BrownLens> BrownLensOf(const CameraIntrinsics& camera) {
     case CameraModel::kFullOpencv:
       if (params[9] != 0 || params[10] != 0 || params[11] != 0) {
         return Error{ErrorCode::kInvalidArgument,
-                     "has a FULL_OPENCV lens with k4, k5 or k6, which this format cannot hold; "
-                     "export as colmap, or calibrate with the model OPENCV",
+                     "has a FULL_OPENCV lens with k4, k5 or k6 other than 0, which this format "
+                     "cannot hold; it holds SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV "
+                     "and FULL_OPENCV without these: export as colmap, or calibrate with the model "
+                     "opencv",
                      ""};
       }
       lens.k3 = params[8];
@@ -82,10 +84,10 @@ Result<std::vector<View>> ViewsOf(const Reconstruction& reconstruction,
     const ImageId id(i);
     if (!reconstruction.Registered(id)) continue;
     const auto lens = BrownLensOf(reconstruction.intrinsics.of(id));
-    if (!lens) return lens.error().In(image_names[i]);
-    views.push_back({image_names[i], fs::path(image_names[i]).stem().string(),
-                     reconstruction.intrinsics.lens_of_image[i], *lens,
-                     *reconstruction.cam_from_model[i]});
+    std::string stem = fs::path(image_names[i]).stem().string();
+    if (!lens) return lens.error().In("camera " + stem);
+    views.push_back({image_names[i], std::move(stem), reconstruction.intrinsics.lens_of_image[i],
+                     *lens, *reconstruction.cam_from_model[i]});
   }
   return views;
 }

@@ -11,8 +11,9 @@ namespace rotunda::sfm {
 
 // Models for other programs. `image_names` are the pictures' files by ImageId; unregistered images
 // are left out; `folder` exists. Positions stay in the model's frame and unit (the rig's, metres,
-// when it was aligned to a calibration). kInvalidArgument names the picture whose lens no format
-// here can hold: FULL_OPENCV with a denominator (k4, k5 or k6 other than 0). The formats' lens is
+// when it was aligned to a calibration). kInvalidArgument names the camera whose lens no format
+// here can hold, FULL_OPENCV with a denominator (k4, k5 or k6 other than 0), and the lens models
+// that can be held. The formats' lens is
 //   d = 1 + k1 r^2 + k2 r^4 + k3 r^6,  r^2 = x^2 + y^2,  x = X/Z, y = Y/Z (x right, y down)
 //   x' = x d + 2 p1 x y + p2 (r^2 + 2 x^2),  y' = y d + 2 p2 x y + p1 (r^2 + 2 y^2)
 // with p1 and p2 as in COLMAP and OpenCV.

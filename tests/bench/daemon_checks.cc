@@ -3,13 +3,16 @@
 #include <sqlite3.h>
 #include <xxhash.h>
 
+#include <algorithm>
 #include <cstdio>
+#include <iterator>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 
+#include "daemon/capture_job.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_jobs.h"
 #include "sfm/core/file_io.h"
@@ -58,23 +61,41 @@ size_t ComparePictures(daemon::Store& store, const fs::path& state, const std::s
   return compared;
 }
 
-void CountJobs(daemon::Store& store, StateInspector::Findings& findings) {
-  findings.jobs.clear();
-  findings.failures.clear();
-  const auto jobs = AllOf<daemon::JobRecord>(
-      [&store](const daemon::Page& page) { return daemon::ListJobs(store, page); });
+/// Why a job may fail on the pictures of RenderScenes(): the cameras of the daemon before have not
+/// come back yet; a calibration got pictures of the person, or too few of the target; few small
+/// pictures do not give a model.
+constexpr const char* kReasons[] = {
+    "capture: cameras: none of ",
+    "calibration: no picture of ",
+    "calibration: no camera saw enough of the board",
+    "calibration: no camera sees enough corners that fit together",
+    "the corners seen do not determine all lens parameters",
+    "reconstruction: reconstruction: no two pictures match",
+    "reconstruction: reconstruction: no pair of pictures starts a model",
+    "reconstruction: cluster reconstruction: no cluster of pictures gives a model",
+};
+
+std::string ReasonOf(const daemon::JobRecord& job) {
+  return std::string(daemon::JobKindName(job.kind)) + ": " + job.error;
+}
+
+/// Each capture that is there and was to be reconstructed has one job for that. Gives how many.
+size_t CheckFollowUps(daemon::Store& store, const std::vector<daemon::JobRecord>& jobs) {
+  std::map<std::string, int> wanted, found;
   for (const daemon::JobRecord& job : jobs) {
-    const std::string number = "job " + std::to_string(job.number);
-    ++findings.jobs[daemon::JobStateName(job.state)];
-    Require(job.state != daemon::JobState::kRunning, number + " is said to run");
-    if (job.state == daemon::JobState::kFailed) {
-      Require(!job.error.empty(), number + " failed without a reason");
-      ++findings.failures[std::string(daemon::JobKindName(job.kind)) + ": " + job.error];
-    }
-    if (job.state == daemon::JobState::kDone) {
-      Require(!job.result.empty(), number + " is done without a result");
+    const auto follow_up = daemon::CaptureFollowUp(job);
+    if (job.kind == daemon::JobKind::kReconstruction) {
+      ++found[job.body];
+    } else if (job.kind == daemon::JobKind::kCapture && follow_up &&
+               daemon::FindCapture(store, job.product).ok()) {
+      ++wanted[follow_up->body];
     }
   }
+  for (const auto& [body, count] : wanted) {
+    Require(count == 1, "two jobs took " + body);
+    Require(found[body] == 1, std::to_string(found[body]) + " reconstructions of " + body);
+  }
+  return wanted.size();
 }
 
 }  // namespace
@@ -148,21 +169,59 @@ bool DaemonClient::WantsRerun(const Json& job, bool new_work) {
 }
 
 void DaemonClient::Submit(const Open& open) {
-  const bool have_target = acknowledged.size() >= kTargetShots;
   if (open.captures == 0) {
-    daemon_.Ask("POST", "/v1/captures", R"({"reconstruct": false})");
+    const bool reconstruct = std::exchange(follow_up_wanted_, false);
+    daemon_.Ask("POST", "/v1/captures", Json({{"reconstruct", reconstruct}}).dump());
   }
-  if (!have_target || open.computing > 1) return;
-  if (++computed_ % 2 == 0) {
-    Json captures = Json::array();
-    for (const std::string& id : acknowledged) {
-      if (captures.size() < kTargetShots) captures.push_back(id);
+  const bool have_target = acknowledged.size() >= kTargetShots;
+  if (!have_target || follow_up_wanted_ || open.computing > 1) return;
+  switch (++computed_ % 3) {
+    case 0: {
+      Json captures = Json::array();
+      for (const std::string& id : acknowledged) {
+        if (captures.size() < kTargetShots) captures.push_back(id);
+      }
+      daemon_.Ask("POST", "/v1/calibrations", Json({{"captures", captures}}).dump());
+      break;
     }
-    daemon_.Ask("POST", "/v1/calibrations", Json({{"captures", captures}}).dump());
-  } else {
-    daemon_.Ask("POST", "/v1/captures/" + *acknowledged.rbegin() + "/reconstructions",
-                R"({"method": "plain"})");
+    case 1:
+      daemon_.Ask("POST", "/v1/captures/" + *acknowledged.rbegin() + "/reconstructions",
+                  R"({"method": "plain"})");
+      break;
+    default:
+      follow_up_wanted_ = true;
   }
+}
+
+void StateInspector::CheckFailure(const daemon::JobRecord& job) const {
+  const std::string reason = ReasonOf(job);
+  const auto is_in = [&reason](const std::string& part) {
+    return reason.find(part) != std::string::npos;
+  };
+  Require(std::any_of(std::begin(kReasons), std::end(kReasons), is_in) ||
+              std::any_of(more_reasons_.begin(), more_reasons_.end(), is_in),
+          "job " + std::to_string(job.number) + " failed, which it must not for this reason: " +
+              (job.error.empty() ? "none is given" : reason));
+}
+
+void StateInspector::LookAtJobs(daemon::Store& store) {
+  findings_.jobs.clear();
+  findings_.failures.clear();
+  const auto jobs = AllOf<daemon::JobRecord>(
+      [&store](const daemon::Page& page) { return daemon::ListJobs(store, page); });
+  for (const daemon::JobRecord& job : jobs) {
+    const std::string number = "job " + std::to_string(job.number);
+    ++findings_.jobs[daemon::JobStateName(job.state)];
+    Require(job.state != daemon::JobState::kRunning, number + " is said to run");
+    if (job.state == daemon::JobState::kFailed) {
+      CheckFailure(job);
+      ++findings_.failures[ReasonOf(job)];
+    }
+    if (job.state == daemon::JobState::kDone) {
+      Require(!job.result.empty(), number + " is done without a result");
+    }
+  }
+  findings_.follow_ups = CheckFollowUps(store, jobs);
 }
 
 void StateInspector::LookAtDatabase() const {
@@ -195,8 +254,10 @@ void StateInspector::LookAtTemporaries() const {
 void StateInspector::Look(const std::set<std::string>& acknowledged, bool all_pictures) {
   {
     daemon::EventHub hub;
-    auto store =
-        daemon::Store::Open({state_, [] { return std::chrono::system_clock::now(); }, {}}, hub);
+    // As the service opens it.
+    daemon::StoreOptions options{state_, [] { return std::chrono::system_clock::now(); }, {}};
+    options.follow_up = daemon::CaptureFollowUp;
+    auto store = daemon::Store::Open(std::move(options), hub);
     Require(store.ok(), store.ok() ? "" : store.error().ToString());
     const daemon::RecoveryReport& recovery = (*store)->recovery();
     Require(recovery.gone.empty(), "a folder is gone");
@@ -219,7 +280,7 @@ void StateInspector::Look(const std::set<std::string>& acknowledged, bool all_pi
       if (!compared_.insert(capture.id).second && !all_pictures) continue;
       findings_.pictures += ComparePictures(**store, state_, capture.id);
     }
-    CountJobs(**store, findings_);
+    LookAtJobs(**store);
   }
   LookAtDatabase();
   LookAtTemporaries();

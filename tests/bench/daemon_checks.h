@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/store.h"
 #include "tests/support/simulated_daemon.h"
 
 // What the benches that are hard on the daemon share.
@@ -45,18 +46,23 @@ class DaemonClient {
     int captures = 0, computing = 0;
   };
   bool WantsRerun(const nlohmann::json& job, bool new_work);
-  /// So that always a capture and two other jobs are open.
+  /// So that always a capture and two other jobs are open; some reconstructions are asked for with
+  /// the capture.
   void Submit(const Open& open);
 
   const test::SimulatedDaemon& daemon_;
   int interrupted_ = 0, computed_ = 0;
+  bool follow_up_wanted_ = false;  // of the next capture
 };
 
 /// Looks at a state folder as a daemon that starts does (which puts right what a crash left), and
 /// throws with what is wrong. No daemon may use it meanwhile.
 class StateInspector {
  public:
-  explicit StateInspector(std::filesystem::path state) : state_(std::move(state)) {}
+  /// Jobs may fail for a reason that has one of `more_reasons` in it, or one that the pictures of
+  /// RenderScenes() explain; for any other Look() throws.
+  explicit StateInspector(std::filesystem::path state, std::vector<std::string> more_reasons = {})
+      : state_(std::move(state)), more_reasons_(std::move(more_reasons)) {}
 
   struct Findings {                             // of all looks
     std::map<std::string, size_t> interrupted;  // jobs, by kind
@@ -64,21 +70,25 @@ class StateInspector {
     size_t temporaries = 0;                     // half-written folders that were removed
     size_t captures = 0;                        // now
     size_t pictures = 0;                        // compared with their checksums
-    std::map<std::string, size_t> jobs;         // now, by state
-    std::map<std::string, size_t> failures;     // now: why jobs failed
+    size_t follow_ups = 0;                   // now: captures with the reconstruction they asked for
+    std::map<std::string, size_t> jobs;      // now, by state
+    std::map<std::string, size_t> failures;  // now: why jobs failed
   };
   /// The database is whole and no row lacks what it refers to; the acknowledged captures are there;
   /// the pictures of captures that were not looked at before (or of all) are what was taken; each
-  /// job is done, queued, interrupted, cancelled or failed with a reason; no temporary folder is
-  /// left.
+  /// job is done, queued, interrupted, cancelled or failed for a reason that may be; a capture that
+  /// was to be reconstructed has one job for that; no temporary folder is left.
   void Look(const std::set<std::string>& acknowledged, bool all_pictures);
   const Findings& findings() const { return findings_; }
 
  private:
+  void LookAtJobs(daemon::Store& store);
+  void CheckFailure(const daemon::JobRecord& job) const;
   void LookAtDatabase() const;
   void LookAtTemporaries() const;
 
   const std::filesystem::path state_;
+  const std::vector<std::string> more_reasons_;
   std::set<std::string> compared_;  // captures
   Findings findings_;
 };

@@ -12,8 +12,8 @@
 
 // The real daemon with simulated cameras, killed at random moments while it captures, calibrates,
 // reconstructs and writes its store, and its disk filled up. After each time the store must be
-// whole (StateInspector); in the end every job has come to its end, and why some failed is printed.
-// Ends with 1 and says what when something is not so.
+// whole (StateInspector); in the end every job has come to its end, and why some failed, which must
+// be for one of few reasons, is printed. Ends with 1 and says what when something is not so.
 
 namespace rotunda {
 namespace {
@@ -90,15 +90,17 @@ void MeasureCrashes(const Arguments& arguments, const SimulatedDaemon::Options& 
   const StateInspector::Findings& findings = inspector.findings();
   std::printf(
       "%d crashes: jobs interrupted: %s; %zu folders adopted, %zu half-written ones removed\n"
-      "all %zu captures are whole (%zu acknowledged; %zu pictures compared), jobs: %s\n",
+      "all %zu captures are whole (%zu acknowledged; %zu pictures compared), %zu have the "
+      "reconstruction they asked for, jobs: %s\n",
       arguments.crashes, CountsText(findings.interrupted).c_str(), findings.adopted,
       findings.temporaries, findings.captures, client.acknowledged.size(), findings.pictures,
-      CountsText(findings.jobs).c_str());
+      findings.follow_ups, CountsText(findings.jobs).c_str());
   PrintFailures(findings);
   if (arguments.crashes < kEnoughForAllKinds) return;
   for (const char* kind : {"capture", "calibration", "reconstruction"}) {
     Require(findings.interrupted.contains(kind), std::string("no crash hit a ") + kind);
   }
+  Require(findings.follow_ups > 0, "no capture asked for its reconstruction");
 }
 
 void Measure(const Arguments& arguments) {

@@ -32,6 +32,9 @@ constexpr int kDisk_mb = 600;
 constexpr int64_t kMostLeft_bytes = 5'000'000;
 constexpr auto kPatience = milliseconds(120000);
 constexpr int kEnoughToMeetShots = 10;  // rounds
+// What the system and SQLite say of a full disk.
+constexpr const char* kReasons[] = {"No space left on device", "database or disk is full",
+                                    "disk I/O error"};
 
 /// A memory disk at `place`, filled up by one file.
 class SmallDisk {
@@ -79,7 +82,7 @@ class FullDisk {
         cameras_(cameras),
         disk_(disk),
         client_(daemon),
-        inspector_(daemon.State()),
+        inspector_(daemon.State(), {std::begin(kReasons), std::end(kReasons)}),
         random_(seed) {}
 
   void Warm() {

@@ -1,6 +1,7 @@
 // The real daemon with simulated cameras, which captures and reconstructs without a pause while
-// many clients poll it and follow its events. Ends with 1 when the slowest hundredth of the reads
-// takes 50 ms or more, a read fails, a frame is missed or an event stream misses something.
+// many clients poll it and follow its events; then reconstructions are cancelled at random moments.
+// Ends with 1 when the slowest hundredth of the reads takes 50 ms or more, a read fails, a frame is
+// missed, an event stream misses something or a cancelled job takes more than two seconds to end.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -12,6 +13,7 @@
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <random>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -40,6 +42,9 @@ struct Arguments {
   int seconds = 120;
   int pause_ms = 100;  // of a client between two requests
   double limit_ms = 50;
+  int cancels = 8;
+  int cancel_within_s = 40;
+  unsigned seed = 1;
   std::string block = "127.63.2";
 };
 
@@ -49,6 +54,8 @@ constexpr auto kBetweenShots = milliseconds(1000);
 // Shots and a reconstruction must really have been under way.
 constexpr double kLeastReconstructing = 0.5;
 constexpr int kLeastShots = 5;
+constexpr double kCancelLimit_ms = 2000;
+constexpr auto kCancelLook = milliseconds(10);
 
 constexpr const char* kTargets[] = {"/v1/status", "/v1/captures?limit=50", "/v1/jobs",
                                     "/v1/drift",  "/v1/cameras",           "/metrics"};
@@ -114,6 +121,7 @@ struct Work {
   std::vector<std::string> missed;  // "c03r1 in 2026...: late"
   int looks = 0, reconstructing = 0;
   int reconstructions = 0;
+  std::vector<double> cancelled_ms;  // from the request to the end
 };
 
 /// A shot, its frames, one after the other; a reconstruction is queued whenever none is.
@@ -150,6 +158,42 @@ void CountReconstructions(const SimulatedDaemon& daemon, Work& work) {
     if (job["kind"] != "reconstruction") continue;
     Require(job["state"] != "failed", job.dump(1));
     work.reconstructions += job["state"] == "done";
+  }
+}
+
+/// Ends what is queued or runs, as the client of whoever asked for it would.
+void CancelAll(const SimulatedDaemon& daemon) {
+  const auto jobs = daemon.All("/v1/jobs");
+  Require(jobs.has_value(), "the jobs cannot be listed");
+  for (const Json& job : *jobs) {
+    if (job["state"] != "queued" && job["state"] != "running") continue;
+    daemon.Ask("DELETE", "/v1/jobs/" + job["id"].dump());
+    daemon.Ended(job, kPatience);
+  }
+}
+
+/// Reconstructions of the last shot, each cancelled at a random moment.
+void Cancel(const SimulatedDaemon& daemon, const Arguments& arguments, Work& work) {
+  CancelAll(daemon);
+  std::mt19937 random(arguments.seed);
+  std::uniform_int_distribution<int> moment_ms(0, 1000 * arguments.cancel_within_s);
+  const std::string capture = daemon.Get("/v1/captures?limit=1")["items"][0]["id"];
+  for (int i = 0; i < arguments.cancels; ++i) {
+    const Json job = daemon.Ask("POST", "/v1/captures/" + capture + "/reconstructions", "{}");
+    Require(job.is_object() && job.contains("id"), "no job: " + job.dump());
+    const std::string target = "/v1/jobs/" + job["id"].dump();
+    Require(test::WaitUntil(kPatience,
+                            [&] { return daemon.Get(target).value("state", "") != "queued"; }),
+            "it is not begun: " + job.dump());
+    std::this_thread::sleep_for(milliseconds(moment_ms(random)));
+    const auto begin = Clock::now();
+    daemon.Ask("DELETE", target);
+    while (daemon.Get(target).value("state", "") == "running") {
+      std::this_thread::sleep_for(kCancelLook);
+    }
+    const std::chrono::duration<double, std::milli> spent = Clock::now() - begin;
+    // Else it had come to its end before.
+    if (daemon.Get(target)["state"] == "cancelled") work.cancelled_ms.push_back(spent.count());
   }
 }
 
@@ -195,6 +239,13 @@ std::vector<std::string> Judge(const Arguments& arguments, const Reads& reads,
   }
   std::printf("%zu of %zu event streams told of every shot (%zu bytes)\n", whole, streams.size(),
               bytes);
+  const std::vector<double>& cancelled = work.cancelled_ms;
+  const double slowest_ms =
+      cancelled.empty() ? 0 : *std::max_element(cancelled.begin(), cancelled.end());
+  std::printf("%zu reconstructions cancelled, the slowest ended after %.0f ms\n", cancelled.size(),
+              slowest_ms);
+  must(slowest_ms <= kCancelLimit_ms, "a job that was cancelled took too long to end");
+  must(arguments.cancels == 0 || !cancelled.empty(), "no job was cancelled in time");
   must(At(all, 0.99) < arguments.limit_ms, "the slowest hundredth of the reads is too slow");
   must(reads.failed == 0, "reads failed");
   must(work.missed.empty(), "frames were missed");
@@ -242,6 +293,7 @@ std::vector<std::string> Measure(const Arguments& arguments) {
     end = true;
   }
   CountReconstructions(daemon, work);
+  Cancel(daemon, arguments, work);
   process->Signal(SIGTERM);
   Require(process->Wait() == 0, "the daemon did not stop well:\n" + daemon.Log());
   return Judge(arguments, reads, streams, work);
@@ -262,6 +314,12 @@ int Main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--limit", arguments.limit_ms, "Of 99 % of the reads, milliseconds")
       ->capture_default_str();
+  app.add_option("--cancels", arguments.cancels, "Reconstructions to cancel after that")
+      ->capture_default_str();
+  app.add_option("--cancel-within", arguments.cancel_within_s,
+                 "Latest moment of that, seconds after its begin")
+      ->capture_default_str();
+  app.add_option("--seed", arguments.seed, "Of these moments")->capture_default_str();
   app.add_option("--block", arguments.block, "Addresses of the cameras")->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   std::vector<std::string> failures;

@@ -2,13 +2,17 @@
 
 #include "daemon/api.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "config/daemon_config.h"
@@ -18,7 +22,8 @@
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
 #include "daemon/store_sql.h"
-#include "rig/rig_calibration.h"
+#include "rig/lens_models.h"
+#include "sfm/colmap_io.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
@@ -124,10 +129,12 @@ class Api : public testing::Test {
     ASSERT_TRUE(recorded) << recorded.error().ToString();
   }
 
+  /// As the server does it.
   HttpResponse Call(const std::string& method, const std::string& target,
                     const std::string& body = "", Role role = Role::kOperator,
                     const std::map<std::string, std::string>& headers = {}) {
-    return router_->Handle({method, target, headers, body, {1000, 1, role}});
+    HttpResponse response = router_->Handle({method, target, headers, body, {1000, 1, role}});
+    return response.bulk ? response.bulk() : response;
   }
   HttpResponse Get(const std::string& target) { return Call("GET", target); }
   Json Document() { return Json::parse(Get("/v1/openapi.json").body); }
@@ -241,6 +248,23 @@ TEST_F(Api, StatusNamesACalibrationInForceThatCannotBeRead) {
   EXPECT_FALSE(problems());
   std::ofstream(folder / "calibration.json") << "{";
   EXPECT_TRUE(problems());
+}
+
+TEST_F(Api, StatusIsAnsweredWhileTheCalibrationInForceHangs) {
+  Fill();
+  const auto file = state_.store().CalibrationFolder(kCalibration) / "calibration.json";
+  std::filesystem::remove(file);
+  ASSERT_EQ(mkfifo(file.c_str(), 0600), 0);  // whoever reads it waits for somebody who writes
+  HttpResponse held_up;
+  std::jthread first([&] { held_up = Get("/v1/status"); });
+  int writer = -1;  // can be opened from when somebody reads
+  while ((writer = open(file.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC)) < 0) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(Get("/v1/status").status, 200);
+  close(writer);
+  first.join();
+  EXPECT_NE(held_up.body.find("calibration.json"), std::string::npos) << "it was empty";
 }
 
 TEST_F(Api, ListsComeInPages) {
@@ -412,6 +436,49 @@ TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
   const HttpResponse poses = Get("/v1/captures/new/poses");
   EXPECT_EQ(poses.status, 404);
   EXPECT_NE(poses.body.find("not reconstructed yet"), std::string::npos) << poses.body;
+}
+
+/// A model of one picture, of camera c0, with this lens; as a reconstruction leaves it.
+void WriteModel(const std::filesystem::path& reconstruction, const CameraIntrinsics& lens) {
+  sfm::Reconstruction model;
+  model.intrinsics.lenses = {lens};
+  model.intrinsics.lens_of_image = {0};
+  model.cam_from_model = {Rigid3()};
+  sfm::Features features;
+  features.images.resize(1);
+  FrameSet set;
+  set.frames.emplace_back().file = "frames/c0.png";
+  const auto folder = reconstruction / "sparse" / "0";
+  std::filesystem::create_directories(folder);
+  const Status written =
+      sfm::WriteColmapModel(model, features, set, folder, sfm::ColmapEncoding::kBinary);
+  ASSERT_TRUE(written.ok()) << written.error().ToString();
+}
+
+TEST_F(Api, AModelThatAFormatCannotHoldIs422) {
+  Fill();
+  const auto folder = state_.store().ReconstructionFolder(kReconstruction);
+  const std::string target = "/v1/captures/" + std::string(kCapture) + "/export?format=";
+  std::vector<double> params = {10, 10, 4, 4, 0, 0, 0, 0, 0, 0, 0, 0};
+  for (const bool rational : {false, true}) {
+    params[9] = rational ? 0.01 : 0;
+    WriteModel(folder, {CameraModel::kFullOpencv, 8, 8, params});
+    for (const char* format : {"nerfstudio", "metashape", "realitycapture", "colmap"}) {
+      const HttpResponse answer = Get(target + format);
+      if (!rational || std::string(format) == "colmap") {
+        EXPECT_EQ(answer.status, 200) << format << answer.body;
+        continue;
+      }
+      EXPECT_EQ(answer.status, 422) << format;
+      const Json problem = Checked(answer, "Problem");
+      for (const char* part : {format, "camera c0", "FULL_OPENCV", "SIMPLE_RADIAL"}) {
+        EXPECT_NE(problem["detail"].get<std::string>().find(part), std::string::npos) << problem;
+      }
+    }
+  }
+  const Json operation = Document()["paths"]["/v1/captures/{capture}/export"]["get"];
+  EXPECT_TRUE(operation["responses"].contains("422"));
+  EXPECT_TRUE(operation["responses"]["422"]["content"].contains("application/problem+json"));
 }
 
 /// Numbers of the events in a piece of a stream.

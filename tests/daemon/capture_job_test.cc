@@ -10,7 +10,7 @@
 #include <string>
 #include <thread>
 
-#include "daemon/reconstruction_job.h"
+#include "daemon/reconstruction_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "tests/support/daemon_state.h"
@@ -216,6 +216,28 @@ TEST_F(CaptureJobTest, ThatHadItsShotBeforeTheDaemonDiedDoesNotTakeAnother) {
   EXPECT_NE(end.result.find("\"capture\":\"had\""), std::string::npos);
   EXPECT_EQ(ListCaptures(store(), {})->items.size(), 1u);
   EXPECT_EQ(ListJobs(store(), {})->items[0].kind, JobKind::kReconstruction);
+}
+
+TEST_F(CaptureJobTest, RunAgainWithoutAShotTakesItUnderAnIdOfItsOwnTime) {
+  queue_.reset();
+  const auto job = AddJob(store(), {JobKind::kCapture, "{\"reconstruct\":false}", ""});
+  ASSERT_TRUE(TakeJob(store(), {JobKind::kCapture}).ok());
+  const std::string reserved = FreeCaptureId(store()).value();
+  ASSERT_TRUE(SetJobProduct(store(), job->number, reserved).ok());
+  state_.Reopen();
+  state_.clock().Advance(1h);
+  StartQueue(0);
+  ASSERT_TRUE(queue_->Rerun(job->number).ok());
+  const JobRecord end = Wait(job->number);
+  ASSERT_EQ(end.state, JobState::kDone) << end.error;
+  EXPECT_EQ(FindCapture(store(), reserved).error().code, ErrorCode::kNotFound);
+  const auto capture = FindCapture(store(), end.product);
+  ASSERT_TRUE(capture.ok());
+  // 20260101T010012Z of 2026-01-01T01:00:12.000Z, but for the second between the two.
+  std::string hour = capture->captured_at.substr(0, 14);
+  std::erase_if(hour, [](char c) { return c == '-' || c == ':'; });
+  EXPECT_EQ(capture->id.substr(0, hour.size()), hour);
+  EXPECT_NE(reserved.substr(0, hour.size()), hour);
 }
 
 TEST_F(CaptureJobTest, AShotFoundOnTheDiskIsReconstructedAsItsJobAsked) {

@@ -2,6 +2,7 @@
 
 #include "daemon/calibration_job.h"
 #include "daemon/reconstruction_job.h"
+#include "daemon/reconstruction_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"

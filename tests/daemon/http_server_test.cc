@@ -2,6 +2,7 @@
 
 #include "daemon/http_server.h"
 
+#include <fcntl.h>
 #include <grp.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -236,7 +237,8 @@ TEST_F(HttpServerTest, AClientThatIsTooSlowLosesItsConnection) {
 }
 
 TEST_F(HttpServerTest, AClientThatTakesNothingLosesItsConnectionAndHoldsUpNobody) {
-  options_.limits.write_ms = kSoon_ms;
+  // The one that reads stops, too, while what it has read is moved to where there is more room.
+  options_.limits.write_ms = 10 * kSoon_ms;
   options_.handle = [](const HttpRequest& request) {
     HttpResponse response;
     response.body = request.target == "/large" ? std::string(50000000, 'x') : "small";
@@ -424,12 +426,70 @@ TEST_F(HttpServerTest, AFileThatHangsHoldsUpNobodyElse) {
   EXPECT_NE(ReadAnswer(waits).status, 0);
 }
 
+TEST_F(HttpServerTest, FilesThatHangLeaveThreadsForTheRest) {
+  options_.limits.write_ms = kSoon_ms;
+  const auto hangs = folder_ / "hangs";
+  ASSERT_EQ(mkfifo(hangs.c_str(), 0600), 0);  // whoever opens it to read waits for a writer
+  std::atomic<int> hanging = 0;
+  options_.handle = [&](const HttpRequest& request) {
+    HttpResponse response;
+    if (request.target == "/file") response.file = hangs;
+    if (request.target == "/bulk") {
+      response.bulk = [&] {
+        ++hanging;
+        std::ifstream wait(hangs);
+        return HttpResponse();
+      };
+    }
+    return response;
+  };
+  Start();
+  const auto ask = [&](const std::string& target) {
+    auto connection = std::make_unique<UnixConnection>(Socket());
+    connection->Send("GET " + target + " HTTP/1.1\r\nHost: h\r\n\r\n");
+    return connection;
+  };
+  // Two of the four threads, which is all that may.
+  const auto first = ask("/bulk"), second = ask("/bulk");
+  while (hanging < 2) std::this_thread::sleep_for(milliseconds(1));
+  std::vector<std::unique_ptr<UnixConnection>> late;
+  for (int i = 0; i < 8; ++i) late.push_back(ask(i % 2 == 0 ? "/file" : "/bulk"));
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(Ask(Socket(), "GET", "/").status, 200);
+  for (const auto& connection : late) {
+    const UnixHttpAnswer answer = ReadAnswer(*connection);
+    EXPECT_EQ(answer.status, 503);
+    EXPECT_NE(answer.body.find("does their disk or share answer"), std::string::npos);
+    EXPECT_TRUE(answer.headers.contains("retry-after"));
+  }
+  // A handler's thread still ends the silence, again and again.
+  for (milliseconds before = server_->Silence();;) {
+    std::this_thread::sleep_for(milliseconds(1));
+    const milliseconds now = server_->Silence();
+    if (now < before) break;
+    before = now;
+  }
+  const int writer = open(hangs.c_str(), O_RDWR | O_CLOEXEC);
+  EXPECT_EQ(ReadAnswer(*first).status, 200);
+  EXPECT_EQ(ReadAnswer(*second).status, 200);
+  EXPECT_EQ(hanging, 2);
+  close(writer);
+  std::ofstream(folder_ / "there") << "picture";
+  std::filesystem::rename(folder_ / "there", hangs);
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(Ask(Socket(), "GET", "/file").body, "picture");
+}
+
 TEST_F(HttpServerTest, AHandlerThatThrowsIsAnAnswerToo) {
-  options_.handle = [](const HttpRequest&) -> HttpResponse { throw std::runtime_error("a bug"); };
+  options_.handle = [](const HttpRequest& request) -> HttpResponse {
+    if (request.target != "/bulk") throw std::runtime_error("a bug");
+    HttpResponse response;
+    response.bulk = []() -> HttpResponse { throw std::runtime_error("a bug"); };
+    return response;
+  };
   Start();
   const UnixHttpAnswer answer = Ask(Socket(), "GET", "/");
   EXPECT_EQ(answer.status, 500);
   EXPECT_NE(answer.body.find("a bug"), std::string::npos) << answer.body;
+  EXPECT_EQ(Ask(Socket(), "GET", "/bulk").status, 500);
 }
 
 TEST_F(HttpServerTest, StreamsBringWhatComesUpAndSignsOfLife) {

@@ -7,9 +7,11 @@
 #include <condition_variable>
 #include <map>
 #include <mutex>
+#include <set>
 #include <stdexcept>
 #include <thread>
 
+#include "daemon/store_captures.h"
 #include "daemon/store_events.h"
 #include "tests/support/daemon_state.h"
 
@@ -364,11 +366,20 @@ TEST(Jobs, ThatEndedLongAgoAreForgotten) {
     job.state = end;
     ASSERT_TRUE(EndJob(state.store(), job).ok());
   }
+  test::WriteTinyFrameSet(state.store().CaptureFolder("1"), "2026-01-01T00:00:00Z");
+  ASSERT_TRUE(RecordCapture(state.store(), "1", std::nullopt).ok());
   EXPECT_EQ(PruneJobs(state.store(), 2).value(), 2u);
   std::vector<int64_t> left;
   const auto listed = ListJobs(state.store(), {});
   for (const JobRecord& job : listed->items) left.push_back(job.number);
   EXPECT_EQ(left, (std::vector<int64_t>{6, 5, 4, 3})) << "those that wait or were interrupted stay";
+  std::set<std::string> told;
+  const auto events = ListEvents(state.store(), 0, 100);
+  for (const EventRecord& event : *events) {
+    if (event.kind.starts_with("job_")) told.insert(event.about);
+  }
+  EXPECT_EQ(told, (std::set<std::string>{"3", "4", "5", "6"})) << "of forgotten ones nothing";
+  EXPECT_EQ(events->back().kind, "capture_stored") << "what is no job's stays";
   EXPECT_EQ(PruneJobs(state.store(), 2).value(), 0u);
   EXPECT_EQ(AddJob(state.store(), {JobKind::kCapture, "{}", ""})->number, 7);
 }

@@ -68,11 +68,9 @@ Status WriteFrameSet(const fs::path& out, const std::string& captured_at) {
 /// As the capture job does it, without cameras.
 Result<std::string> Capture(Store& store, const JobRecord& job) {
   std::string id = job.product;
-  if (id.empty()) {
+  if (id.empty() || !fs::exists(store.CaptureFolder(id) / "frameset.json")) {
     ROTUNDA_ASSIGN_OR_RETURN(id, FreeCaptureId(store));
     ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
-  }
-  if (!fs::exists(store.CaptureFolder(id) / "frameset.json")) {
     ROTUNDA_RETURN_IF_ERROR(WriteFrameSet(store.CaptureFolder(id), store.Now()));
   }
   ROTUNDA_RETURN_IF_ERROR(RecordCapture(

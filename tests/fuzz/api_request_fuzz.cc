@@ -5,9 +5,9 @@
 #include <string>
 
 #include "daemon/api.h"
-#include "daemon/calibration_job.h"
+#include "daemon/calibration_request.h"
 #include "daemon/capture_job.h"
-#include "daemon/reconstruction_job.h"
+#include "daemon/reconstruction_request.h"
 #include "tests/fuzz/fuzz_input.h"
 
 namespace {
@@ -27,8 +27,8 @@ class Api {
     fuzz::Require(store.ok(), "a store can be made");
     store_ = std::move(*store);
     daemon::JobHandlers handlers{daemon::MakeCaptureHandler(*store_, station_, {}),
-                                 daemon::MakeCalibrationHandler(*store_, {"", 1}),
-                                 daemon::MakeReconstructionHandler(*store_, 1)};
+                                 daemon::CalibrationRequests(*store_),
+                                 daemon::ReconstructionRequests(*store_)};
     for (auto* handler : {&handlers.capture, &handlers.calibration, &handlers.reconstruction}) {
       handler->run = [](const daemon::JobRecord&, daemon::JobContext&) -> Result<std::string> {
         return std::string("{}");
@@ -51,6 +51,7 @@ class Api {
 
   void Check(const daemon::HttpRequest& request) {
     daemon::HttpResponse response = router_->Handle(request);
+    if (response.bulk) response = response.bulk();
     if (response.stream) response.stream();
     if (response.file) {
       fuzz::Require(response.file->native().starts_with(folder_ + "/state/"),

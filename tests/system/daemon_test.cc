@@ -175,9 +175,12 @@ class DaemonSystem : public testing::Test {
   void LookAtReportAndExports();
   void LookAtDrift();
   void LookAtEvents();
+  void LookAtTheRest();
+  void CancelAndRunAgain();
   void UseTheCommands();
   void BackUp();
-  void ReloadStopAndStartAgain();
+  void Reload();
+  void StopAndStartAgain();
 
   std::unique_ptr<BackgroundProcess> events_;   // curl on the event stream
   std::string calibration_, capture_, newest_;  // ids
@@ -332,6 +335,45 @@ void DaemonSystem::LookAtEvents() {
   EXPECT_LE(signs_of_life, 1000u / kHeartbeat_ms) << "in a second";
 }
 
+/// What the README shows besides.
+void DaemonSystem::LookAtTheRest() {
+  Daemon& daemon = *daemon_;
+  const std::string camera = daemon.Get("/v1/cameras")["items"][0]["camera"];
+  EXPECT_EQ(daemon.Get("/v1/cameras/" + camera)["condition"], "ready");
+  const fs::path preview = daemon / "preview.jpg";
+  const std::string path = "/v1/cameras/" + camera + "/preview.jpg";
+  ASSERT_EQ(daemon.Curl(path, {"-f", "-o", preview}).exit_code, 0) << daemon.Log();
+  std::ifstream jpeg(preview, std::ios::binary);
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(jpeg), {}).substr(0, 3), "\xFF\xD8\xFF");
+  const std::string made = daemon.Get("/v1/captures/" + capture_)["reconstruction"];
+  EXPECT_EQ(daemon.Get("/v1/reconstructions/" + made)["capture"], capture_);
+  EXPECT_EQ(daemon.Get("/v1/calibrations")["items"][0]["id"], calibration_);
+  EXPECT_NE(daemon.Curl("/v1/calibrations/" + calibration_ + "/report").output.find("</html>"),
+            std::string::npos);
+  EXPECT_EQ(daemon.Get("/v1/calibrations/" + calibration_ + "/calibration.json")["cameras"].size(),
+            static_cast<size_t>(kCameras));
+  EXPECT_NE(daemon.Curl("/metrics")
+                .output.find("\nrotunda_cameras_ready " + std::to_string(kCameras) + "\n"),
+            std::string::npos);
+  EXPECT_EQ(daemon.Get("/v1/openapi.json")["openapi"], "3.1.0");
+}
+
+/// A reconstruction in the middle of its work, twice.
+void DaemonSystem::CancelAndRunAgain() {
+  Daemon& daemon = *daemon_;
+  const Json job = daemon.Post("/v1/captures/" + capture_ + "/reconstructions");
+  const std::string path = "/v1/jobs/" + job.at("id").dump();
+  for (const bool again : {false, true}) {
+    if (again) {
+      EXPECT_EQ(daemon.Post(path + "/rerun")["id"], job["id"]);
+    }
+    ASSERT_TRUE(WaitUntil([&] { return daemon.Get(path).contains("progress"); }));
+    EXPECT_EQ(daemon.Curl(path, {"-f", "-X", "DELETE"}).exit_code, 0);
+    EXPECT_EQ(daemon.Ended(job)["state"], "cancelled");
+  }
+  EXPECT_EQ(daemon.Get("/v1/captures/" + capture_)["reconstructions"].size(), 1u);
+}
+
 /// The commands show the same.
 void DaemonSystem::UseTheCommands() {
   Daemon& daemon = *daemon_;
@@ -359,6 +401,16 @@ void DaemonSystem::UseTheCommands() {
   })) << followed.Output();
   followed.Signal(SIGINT);
   EXPECT_EQ(followed.Wait(), 0) << followed.Output();
+  // On a terminal a line tells how far it is: a camera that does not answer takes time.
+  ASSERT_EQ(SendToCameras({"fault", std::string(kBlock) + ".2", "mute"}), 0);
+  const ProcessOutcome on_terminal =
+      RunProcess({"script", "-qec",
+                  std::string(ROTUNDA_COMMAND) + " capture --no-reconstruct --socket " +
+                      daemon.Socket().string(),
+                  "/dev/null"});
+  EXPECT_NE(on_terminal.output.find("\r\x1b[Kcameras "), std::string::npos) << on_terminal.output;
+  ASSERT_EQ(SendToCameras({"clear", "all"}), 0);
+  ASSERT_TRUE(WaitUntil([&] { return daemon.Get("/v1/status")["cameras"]["ready"] == kCameras; }));
   const ProcessOutcome by_command =
       RunProcess(command({"capture", "--subject", "second", "--no-reconstruct", "--json"}));
   ASSERT_EQ(by_command.exit_code, 0) << by_command.errors;
@@ -376,19 +428,39 @@ void DaemonSystem::BackUp() {
   EXPECT_EQ(RunProcess(back_up).exit_code, 1) << "it is there already";
 }
 
-/// Nothing is forgotten.
-void DaemonSystem::ReloadStopAndStartAgain() {
+/// What can be is taken over, what cannot is named, and nothing is of a file that is wrong.
+void DaemonSystem::Reload() {
   Daemon& daemon = *daemon_;
-  daemon.process().Signal(SIGHUP);
-  EXPECT_TRUE(daemon.notify().WaitFor("RELOADING=1", kPatience));
-  EXPECT_TRUE(daemon.notify().WaitFor("READY=1", kPatience));
+  const fs::path file = daemon / "rotundad.toml";
+  const auto reload_with = [&](const std::string& more) {
+    std::ofstream(file, std::ios::app) << more;
+    daemon.process().Signal(SIGHUP);
+    EXPECT_TRUE(daemon.notify().WaitFor("RELOADING=1", kPatience));
+    EXPECT_TRUE(daemon.notify().WaitFor("READY=1", kPatience));
+    return daemon.Log();
+  };
+  fs::copy_file(file, daemon / "first.toml");
+  const std::string changed =
+      reload_with("[drift]\ncaptures = 3\n[access]\nviewer_group = \"nobody-has-this\"\n");
+  EXPECT_NE(changed.find("drift.captures has changed: it takes a restart"), std::string::npos);
+  EXPECT_NE(changed.find("there is no group 'nobody-has-this'"), std::string::npos);
+  EXPECT_NE(changed.find("configuration reloaded"), std::string::npos) << changed;
+  const std::string wrong = reload_with("[food]\n");
+  EXPECT_NE(wrong.find(": food"), std::string::npos) << wrong;
+  EXPECT_NE(wrong.find("the configuration is kept as it was"), std::string::npos) << wrong;
+  fs::rename(daemon / "first.toml", file);
+}
+
+/// Nothing is forgotten.
+void DaemonSystem::StopAndStartAgain() {
+  Daemon& daemon = *daemon_;
   daemon.process().Signal(SIGTERM);
   EXPECT_TRUE(daemon.notify().WaitFor("STOPPING=1", kPatience));
   EXPECT_EQ(daemon.process().Wait(), 0) << daemon.Log();
   EXPECT_EQ(events_->Wait(), 0) << "the stream ended as a stream should";
   daemon.Start();
   EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], newest_);
-  EXPECT_EQ(daemon.Get("/v1/captures")["items"][1]["id"], capture_);
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][2]["id"], capture_);
   EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration_);
 }
 
@@ -400,9 +472,12 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   ASSERT_NO_FATAL_FAILURE(LookAtReportAndExports());
   ASSERT_NO_FATAL_FAILURE(LookAtDrift());
   ASSERT_NO_FATAL_FAILURE(LookAtEvents());
+  ASSERT_NO_FATAL_FAILURE(LookAtTheRest());
+  ASSERT_NO_FATAL_FAILURE(CancelAndRunAgain());
   ASSERT_NO_FATAL_FAILURE(UseTheCommands());
   ASSERT_NO_FATAL_FAILURE(BackUp());
-  ASSERT_NO_FATAL_FAILURE(ReloadStopAndStartAgain());
+  ASSERT_NO_FATAL_FAILURE(Reload());
+  ASSERT_NO_FATAL_FAILURE(StopAndStartAgain());
 }
 
 /// A daemon whose only camera is not there; its captures are put into the state folder.

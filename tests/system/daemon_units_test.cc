@@ -87,5 +87,48 @@ TEST_F(SystemdUnits, MakeTheUsersAndFoldersThatTheyName) {
   EXPECT_TRUE(fs::is_directory(root / "var" / "lib" / "rotunda"));
 }
 
+TEST(Install, PutsEverythingInPlace) {
+  const test::TemporaryFolder folder;
+  const fs::path prefix = folder / "usr";
+  const auto installed =
+      test::RunProcess({"cmake", "--install", ROTUNDA_BINARY_DIR, "--prefix", prefix.string()});
+  ASSERT_EQ(installed.exit_code, 0) << installed.errors;
+  for (const char* file :
+       {"bin/rotunda", "sbin/rotundad", "etc/rotunda/rotundad.toml", "etc/rotunda/capture.toml",
+        "etc/rotunda/cuboid.toml", "lib/systemd/system/rotunda.service",
+        "lib/systemd/system/rotunda.socket", "lib/sysusers.d/rotunda.conf",
+        "lib/tmpfiles.d/rotunda.conf", "lib/sysctl.d/60-rotunda.conf",
+        "lib/udev/rules.d/60-rotunda-gpio.rules", "share/bash-completion/completions/rotunda",
+        "share/doc/rotunda/README.md"}) {
+    EXPECT_TRUE(fs::is_regular_file(prefix / file)) << file;
+  }
+  const std::string unit = Read(prefix / "lib/systemd/system/rotunda.service");
+  EXPECT_NE(unit.find("ExecStart=" + prefix.string() + "/sbin/rotundad --config " +
+                      prefix.string() + "/etc/rotunda/rotundad.toml\n"),
+            std::string::npos)
+      << unit;
+  const auto checked = test::RunProcess({prefix / "sbin/rotundad", "--check-config", "--config",
+                                         prefix / "etc/rotunda/rotundad.toml"});
+  EXPECT_EQ(checked.exit_code, 0) << checked.errors;
+}
+
+TEST(Completion, GivesCommandsOptionsAndTheirValues) {
+  const fs::path programs = fs::path(ROTUNDA_COMMAND).parent_path();
+  const std::string script =
+      "PATH=" + programs.string() + ":$PATH; . " + ROTUNDA_SOURCE_DIR +
+      "/daemon/cli/rotunda.bash; "
+      "COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); _rotunda; echo \"${COMPREPLY[*]}\"";
+  const auto complete = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), {"bash", "-c", script, "bash", "rotunda"});
+    const auto said = test::RunProcess(words);
+    EXPECT_EQ(said.exit_code, 0) << said.errors;
+    return said.output;
+  };
+  EXPECT_EQ(complete({"rec"}), "reconstruct\n");
+  EXPECT_EQ(complete({"export", "--for"}), "--format\n");
+  EXPECT_EQ(complete({"export", "--format", "meta"}), "metashape\n");
+  EXPECT_EQ(complete({"nonsense", "--x"}), "\n");
+}
+
 }  // namespace
 }  // namespace rotunda
