@@ -85,8 +85,6 @@ std::vector<std::string> Notes(const rig::BoardSightings& sightings,
   return notes;
 }
 
-}
-
 Result<std::optional<Calibration>> ReadOurs(Store& store, const std::optional<std::string>& id) {
   if (!id) return std::optional<Calibration>();
   ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRecord record, FindCalibration(store, *id));

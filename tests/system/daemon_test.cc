@@ -458,6 +458,9 @@ void DaemonSystem::StopAndStartAgain() {
   EXPECT_TRUE(daemon.notify().WaitFor("STOPPING=1", kPatience));
   EXPECT_EQ(daemon.process().Wait(), 0) << daemon.Log();
   EXPECT_EQ(events_->Wait(), 0) << "the stream ended as a stream should";
+  EXPECT_NE(daemon.Log().find("access uid=" + std::to_string(geteuid()) + " pid="),
+            std::string::npos);
+  EXPECT_NE(daemon.Log().find("\"GET /v1/openapi.json\" 200 "), std::string::npos);
   daemon.Start();
   EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], newest_);
   EXPECT_EQ(daemon.Get("/v1/captures")["items"][2]["id"], capture_);
