@@ -249,7 +249,8 @@ TEST(ReadFrameSet, ReadsTheManifest) {
   ASSERT_FALSE(broken.ok());
   EXPECT_EQ(broken.error().ToString(), (folder / "frameset.json").string() +
                                            ": camera \"c01r0\" is listed as ok, but its file "
-                                           "\"frames/c01r0.png\" is not there");
+                                           "\"frames/c01r0.png\" is not there; a frame with "
+                                           "\"status\": \"missing\" in frameset.json is left out");
 }
 
 TEST(ReadFrameSet, TakesAPlainFolderOfPictures) {
