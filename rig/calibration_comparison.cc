@@ -40,6 +40,8 @@ double ChiSquareLimit(int freedom, double probability) {
 }
 
 constexpr int kPoseFreedom = 6;
+/// Warmth and lens models that are not quite right scatter the cameras of one rig by a few sigmas.
+constexpr double kOtherRig = 6.0;
 
 /// A camera of both calibrations; covariances of turn (camera axes) and centre (own rig's axes).
 struct Pair {
@@ -322,6 +324,13 @@ std::string VerdictOn(const CameraChange& change) {
 std::vector<std::string> ChangesIn(const CalibrationComparison& comparison) {
   std::vector<std::string> changes;
   char text[200];
+  if (comparison.inflation > kOtherRig) {
+    std::snprintf(text, sizeof(text),
+                  "the cameras scatter %.1f times what the sigmas of both calibrations say: they "
+                  "are not of the same rig, or one of them is wrong",
+                  comparison.inflation);
+    changes.push_back(text);
+  }
   for (const CameraChange& change : comparison.cameras) {
     if (change.moved) {
       std::snprintf(text, sizeof(text), " moved by %.2f mm, %.3f deg (%.1f sigma)",

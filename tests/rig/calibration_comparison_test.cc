@@ -62,6 +62,18 @@ TEST(CalibrationComparison, AMovedCameraIsNamedWithHowFar) {
   }
 }
 
+TEST(CalibrationComparison, AnotherRigsCalibrationIsToldAndNotCountedAway) {
+  const Calibration other = sim::DrawCalibration(sim::DrawRig({}, 2, 90, 1.0), 1);
+  const auto comparison = CompareCalibrations(Draw(1), other, {});
+  ASSERT_TRUE(comparison.ok()) << comparison.error().ToString();
+  const std::vector<std::string> changes = ChangesIn(*comparison);
+  ASSERT_FALSE(changes.empty());
+  EXPECT_NE(changes[0].find("not of the same rig"), std::string::npos) << changes[0];
+  for (const std::string& change : ChangesIn(*CompareCalibrations(Draw(1), Draw(2), {}))) {
+    EXPECT_EQ(change.find("not of the same rig"), std::string::npos) << change;
+  }
+}
+
 TEST(CalibrationComparison, ManyMovedCamerasDoNotDragTheFrame) {
   const Calibration before = Draw(1);
   Calibration after = before;
