@@ -122,7 +122,7 @@ Result<cv::Mat> DecodeByOpenCv(const std::string& bytes) {
   return bgr;
 }
 
-Result<cv::Mat> DecodePicture(const std::string& bytes, const std::string& pixel_format) {
+Result<cv::Mat> Decode(const std::string& bytes, const std::string& pixel_format) {
   if (bytes.empty()) return NotAPicture("the file is empty, expected a picture");
   const bool bayer = pixel_format.starts_with("Bayer");
   cv::Mat bgr;
@@ -155,16 +155,21 @@ constexpr size_t kHeaderBytes = 1 << 20;
 
 }  // namespace
 
-Result<cv::Mat> ReadPicture(const std::filesystem::path& file, const std::string& pixel_format) {
-  ROTUNDA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(file));
+Result<cv::Mat> DecodePicture(const std::string& bytes, const std::string& pixel_format,
+                              const std::filesystem::path& file) {
   try {
-    Result<cv::Mat> picture = DecodePicture(bytes, pixel_format);
+    Result<cv::Mat> picture = Decode(bytes, pixel_format);
     if (!picture.ok()) return picture.error().In(file.string());
     return picture;
   } catch (const cv::Exception& exception) {
     return Error{ErrorCode::kBadInput, "OpenCV refuses the picture: " + exception.err,
                  file.string()};
   }
+}
+
+Result<cv::Mat> ReadPicture(const std::filesystem::path& file, const std::string& pixel_format) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(file));
+  return DecodePicture(bytes, pixel_format, file);
 }
 
 std::optional<ExifFocal> ReadExifFocal(const std::filesystem::path& file, int width_px,

@@ -14,6 +14,9 @@ namespace rotunda::sfm {
 /// bad checksums or is not a picture is kBadInput with the path as context. EXIF orientation is not
 /// applied: pixels stay where the sensor put them.
 Result<cv::Mat> ReadPicture(const std::filesystem::path& file, const std::string& pixel_format);
+/// The same of a file's `bytes`.
+Result<cv::Mat> DecodePicture(const std::string& bytes, const std::string& pixel_format,
+                              const std::filesystem::path& file);
 
 /// 35 mm-equivalent or absolute focal length from EXIF (JPEG): FocalLengthIn35mmFilm x larger side
 /// / 36 where that tag is there, else FocalLength x FocalPlaneXResolution. `lens_key` names make,

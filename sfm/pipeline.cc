@@ -1,12 +1,12 @@
 #include "sfm/pipeline.h"
 
 #include <algorithm>
-#include <set>
 #include <string>
 #include <system_error>
 
 #include "sfm/colmap_io.h"
 #include "sfm/core/file_io.h"
+#include "sfm/core/name_list.h"
 #include "sfm/covariance.h"
 #include "sfm/intrinsics.h"
 #include "sfm/pairs.h"
@@ -309,22 +309,13 @@ void NoteDoubtfulSides(const FrameSet& set, const TcSfmResult& result,
   }
 }
 
-/// Calibrated cameras that the set does not list: nobody would miss them otherwise.
-void NoteAbsentCameras(const Run& run, std::vector<std::string>& notes) {
-  constexpr size_t kNamed = 6;  // the report lists as many
+/// Nobody would miss them otherwise.
+void NoteAbsentCameras(const Run& run, const PoseSet& poses, std::vector<std::string>& notes) {
   if (!run.calibration) return;
-  std::set<std::string> present;
-  for (const Frame& frame : run.set.frames) present.insert(frame.camera);
-  size_t absent = 0;
-  std::string names;
-  for (const CalibratedCamera& camera : run.calibration->cameras) {
-    if (present.contains(camera.camera)) continue;
-    if (++absent <= kNamed) names += (names.empty() ? "" : ", ") + camera.camera;
-  }
-  if (absent == 0) return;
-  if (absent > kNamed) names += " and " + std::to_string(absent - kNamed) + " more";
-  notes.push_back("not in the frame set, though calibrated: " + names + " (" +
-                  std::to_string(absent) + " of " +
+  const std::vector<std::string> absent = CamerasWithoutFrame(*run.calibration, poses.cameras);
+  if (absent.empty()) return;
+  notes.push_back("not in the frame set, though calibrated: " + ListOfNames(absent) + " (" +
+                  std::to_string(absent.size()) + " of " +
                   std::to_string(run.calibration->cameras.size()) + " cameras)");
 }
 
@@ -353,7 +344,7 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
     AddCalibrationFigures(*reference.alignment, *run.calibration, poses);
   }
   if (built.segments) AddSegments(*built.segments, poses);
-  NoteAbsentCameras(run, reference.notes);
+  NoteAbsentCameras(run, poses, reference.notes);
 
   PipelineResult result{run.set,          std::move(front.features), std::move(model),
                         std::move(poses), std::move(built.segments), std::move(reference.notes)};

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <set>
 
 #include "sfm/core/html_text.h"
+#include "sfm/core/name_list.h"
 #include "sfm/rig_alignment.h"
 
 namespace rotunda::sfm::report {
@@ -25,8 +25,6 @@ constexpr double kHighRms_px = 2.0;
 /// A camera farther off the calibration than this many of its sigmas is named; where a single
 /// direction holds the error, 90 cameras in place show one in a hundred shots.
 constexpr double kLookSigmas = 4.0;
-/// Names are listed up to here, then counted.
-constexpr size_t kNamesListed = 6;
 
 double Percentile(const std::vector<double>& sorted, double share) {
   const double place = share * static_cast<double>(sorted.size() - 1);
@@ -210,17 +208,6 @@ std::vector<CameraFacts> BuildCameraFacts(const ReportInput& input, const Facts&
   return cameras;
 }
 
-std::string Listed(const std::vector<std::string>& names) {
-  std::string text;
-  for (size_t i = 0; i < names.size() && i < kNamesListed; ++i) {
-    text += (i == 0 ? "" : ", ") + names[i];
-  }
-  if (names.size() > kNamesListed) {
-    text += " and " + std::to_string(names.size() - kNamesListed) + " more";
-  }
-  return text;
-}
-
 std::vector<std::string> NamesWhere(const PoseSet& poses, const std::function<bool(size_t)>& pick) {
   std::vector<std::string> names;
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
@@ -255,7 +242,7 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
         "The model is folded: look-alike sides of the subject were laid on one another. Do not "
         "use these poses.");
     const auto wrong = NamesWhere(poses, [&](size_t i) { return cameras[i].wrong_side; });
-    if (!wrong.empty()) verdict.details.push_back("On the wrong side: " + Listed(wrong) + ".");
+    if (!wrong.empty()) verdict.details.push_back("On the wrong side: " + ListOfNames(wrong) + ".");
   }
   if (summary.verdict == "unsure") say(Level::kBad, "Unsure: " + summary.verdict_reason + ".");
   const auto preset = poses.options.find("preset");
@@ -285,7 +272,7 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
     const bool usable =
         static_cast<double>(summary.registered) >= kUsableShare * static_cast<double>(summary.of);
     const auto missing = NamesWhere(poses, [&](size_t i) { return !poses.cameras[i].registered; });
-    std::string text = "Without a pose: " + Listed(missing);
+    std::string text = "Without a pose: " + ListOfNames(missing);
     const auto first = std::find_if(poses.cameras.begin(), poses.cameras.end(),
                                     [](const CameraPose& pose) { return !pose.registered; });
     if (missing.size() == 1) text += " (" + ReasonOf(*first) + ")";
@@ -295,7 +282,7 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
     say(Level::kLook, "The residual of " + Significant(summary.rms_px) + " px is high.");
   }
   const auto weak = NamesWhere(poses, [&](size_t i) { return cameras[i].level == Level::kLook; });
-  if (!weak.empty()) verdict.details.push_back("Worth a look: " + Listed(weak) + ".");
+  if (!weak.empty()) verdict.details.push_back("Worth a look: " + ListOfNames(weak) + ".");
   if (verdict.level == Level::kLook) verdict.mark = "Shot usable, look";
   if (summary.verdict.empty() && !summary.folded) verdict.mark = "Shot not judged";
   if (verdict.level == Level::kBad) verdict.mark = "Shot bad";
@@ -345,23 +332,19 @@ void AddDoubtful(const PoseSet& poses, Verdict& verdict) {
     verdict.mark = "Rig in place, look";
     verdict.headline = "No camera is seen to have moved";
   }
-  verdict.details.push_back("Off by more than " + Significant(kLookSigmas) +
-                            " sigmas, too little to say that they have moved: " + Listed(doubtful) +
-                            ".");
+  verdict.details.push_back(
+      "Off by more than " + Significant(kLookSigmas) +
+      " sigmas, too little to say that they have moved: " + ListOfNames(doubtful) + ".");
 }
 
-/// Calibrated cameras of which there is no frame: nobody would miss them otherwise.
+/// Nobody would miss them otherwise.
 void AddAbsent(const ReportInput& input, Verdict& verdict) {
-  std::set<std::string> present;
-  for (const CameraPose& pose : input.poses.cameras) present.insert(pose.camera);
-  std::vector<std::string> absent;
-  for (const CalibratedCamera& camera : input.calibration->cameras) {
-    if (!present.contains(camera.camera)) absent.push_back(camera.camera);
-  }
+  const std::vector<std::string> absent =
+      CamerasWithoutFrame(*input.calibration, input.poses.cameras);
   if (absent.empty()) return;
   verdict.level = std::max(verdict.level, Level::kLook);
   if (verdict.mark == "Rig in place") verdict.mark = "Rig partly checked";
-  verdict.details.push_back("Calibrated, but not in this frame set: " + Listed(absent) + ".");
+  verdict.details.push_back("Calibrated, but not in this frame set: " + ListOfNames(absent) + ".");
 }
 
 /// "All 90 cameras stand where the calibration says; the farthest off, in sigmas: c04 by ...".

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <set>
 
 #include "sfm/core/file_io.h"
 #include "sfm/core/json_reader.h"
@@ -205,6 +206,17 @@ bool DisagreesAsAWhole(const std::vector<CameraPose>& cameras, double sigmas) {
     beyond += camera.vs_calibration->sigmas > sigmas;
   }
   return compared > 0 && 2 * beyond >= compared;
+}
+
+std::vector<std::string> CamerasWithoutFrame(const Calibration& calibration,
+                                             const std::vector<CameraPose>& cameras) {
+  std::set<std::string> present;
+  for (const CameraPose& camera : cameras) present.insert(camera.camera);
+  std::vector<std::string> absent;
+  for (const CalibratedCamera& camera : calibration.cameras) {
+    if (!present.contains(camera.camera)) absent.push_back(camera.camera);
+  }
+  return absent;
 }
 
 std::string PoseSetToJson(const PoseSet& poses) {

@@ -58,6 +58,10 @@ struct SegmentSummary {
 /// `sigmas`: then it is not theirs, or the rig has changed as a whole, and no camera is odd.
 bool DisagreesAsAWhole(const std::vector<CameraPose>& cameras, double sigmas);
 
+/// Calibrated cameras that the set has no frame of, in the calibration's order.
+std::vector<std::string> CamerasWithoutFrame(const Calibration& calibration,
+                                             const std::vector<CameraPose>& cameras);
+
 struct PoseSummary {
   size_t registered = 0;
   size_t of = 0;

@@ -4,7 +4,6 @@
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <csignal>
@@ -20,6 +19,7 @@
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
 #include "daemon/store_sql.h"
+#include "sfm/core/checksum.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
 
@@ -33,13 +33,6 @@ using namespace std::chrono_literals;
 
 constexpr int kCameras = 5;
 constexpr size_t kPicture_bytes = 20000;
-
-std::string Xxh3(const std::string& bytes) {
-  char text[17];
-  std::snprintf(text, sizeof(text), "%016llx",
-                static_cast<unsigned long long>(XXH3_64bits(bytes.data(), bytes.size())));
-  return text;
-}
 
 /// A frame set the way the writer makes it: in a temporary folder that is then renamed.
 Status WriteFrameSet(const fs::path& out, const std::string& captured_at) {
@@ -58,7 +51,7 @@ Status WriteFrameSet(const fs::path& out, const std::string& captured_at) {
     frame.pixel_format = "Mono8";
     std::string picture = set.id + frame.camera;
     picture.resize(kPicture_bytes, static_cast<char>('a' + i));
-    frame.xxh3 = Xxh3(picture);
+    frame.xxh3 = Xxh3Text(picture);
     ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / frame.file, picture));
   }
   ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "frameset.json", FrameSetToJson(set)));
@@ -195,7 +188,7 @@ void CheckState(Store& store, const std::set<std::string>& acknowledged) {
     for (const FrameRecord& frame : *frames) {
       const auto bytes = ReadFile(store.options().state_folder / frame.file);
       ASSERT_TRUE(bytes.ok()) << bytes.error().ToString();
-      EXPECT_EQ(Xxh3(*bytes), frame.xxh3) << frame.file;
+      EXPECT_EQ(Xxh3Text(*bytes), frame.xxh3) << frame.file;
     }
   }
   EXPECT_TRUE(std::includes(known.begin(), known.end(), acknowledged.begin(), acknowledged.end()))

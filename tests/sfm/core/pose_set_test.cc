@@ -91,6 +91,13 @@ TEST(PoseSet, KeepsThatACameraIsOnTheWrongSide) {
   EXPECT_EQ(PoseSetToJson(*read), text);
 }
 
+TEST(PoseSet, NamesCalibratedCamerasWithoutAFrame) {
+  Calibration calibration;
+  for (const char* name : {"z", "a", "c"}) calibration.cameras.emplace_back().camera = name;
+  EXPECT_EQ(CamerasWithoutFrame(calibration, MakePoses().cameras),
+            (std::vector<std::string>{"z", "c"}));
+}
+
 TEST(PoseSet, GivesTheCentreInMillimetres) {
   const json text = json::parse(PoseSetToJson(MakePoses()));
   const Eigen::Vector3d centre = MakePoses().cameras[0].cam_from_rig.OriginInSource();
