@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <utility>
 
 #include "config/toml_reader.h"
 #include "sfm/core/file_io.h"
@@ -86,25 +87,28 @@ Result<rig::BoardFace> FaceOf(const FaceText& text, const std::string& key) {
   return face;
 }
 
-Status ReadCuboid(const TomlFile& file, BoardText& text) {
+/// Faces as [cuboid] has them; none when the drawing is not right.
+void ReadCuboid(const TomlFile& file, BoardText& text, std::vector<Error>& problems) {
   rig::CuboidDrawing& drawing = text.drawing;
   std::vector<Section> sections = text.Fields();
   sections.push_back(
       {"cuboid", {{"columns", &drawing.columns}, {"rows", &drawing.rows}, {"top", &drawing.top}}});
-  ROTUNDA_RETURN_IF_ERROR(file.Read(sections));
+  problems = file.ReadAll(sections);
   const auto is_odd = [](int count) { return count >= 3 && count <= 99 && count % 2 == 1; };
+  std::vector<Error> even;
   for (const auto& [key, count] :
        {std::pair("cuboid.columns", drawing.columns), {"cuboid.rows", drawing.rows}}) {
     if (is_odd(count)) continue;
-    return Refused(key, "is " + std::to_string(count) +
-                            ", allowed is an odd number from 3 to 99 (versions of OpenCV draw even "
-                            "ones differently)");
+    even.push_back(Refused(key, "is " + std::to_string(count) +
+                                    ", allowed is an odd number from 3 to 99 (versions of OpenCV "
+                                    "draw even ones differently)"));
   }
-  text.board.faces = rig::CuboidBoard(drawing).faces;
-  return {};
+  file.AddLocated(even, problems);
+  if (even.empty()) text.board.faces = rig::CuboidBoard(drawing).faces;
 }
 
-Status ReadFaces(const TomlFile& file, BoardText& text) {
+/// Faces as the list [[face]] has them.
+void ReadFaces(const TomlFile& file, BoardText& text, std::vector<Error>& problems) {
   const auto key = [](size_t i) { return "face[" + std::to_string(i) + "]"; };
   // Twice: the faces' defaults are what [board] says.
   std::vector<FaceText> faces;
@@ -112,40 +116,65 @@ Status ReadFaces(const TomlFile& file, BoardText& text) {
     faces.assign(file.Count("face"), FaceText(text.drawing));
     std::vector<Section> sections = text.Fields();
     for (size_t i = 0; i < faces.size(); ++i) sections.push_back(faces[i].Fields(key(i)));
-    ROTUNDA_RETURN_IF_ERROR(file.Read(sections));
+    problems = file.ReadAll(sections);
   }
+  std::vector<Error> wrong;
   for (size_t i = 0; i < faces.size(); ++i) {
-    ROTUNDA_ASSIGN_OR_RETURN(const rig::BoardFace face, FaceOf(faces[i], key(i)));
-    if (face.rows % 2 == 0 && !file.Has(key(i) + ".legacy_pattern")) {
-      return Refused(key(i) + ".legacy_pattern",
-                     "is missing, and the number of rows is even: say true when the top-left "
-                     "square is white (OpenCV before 4.6), false when it is black");
+    const Result<rig::BoardFace> face = FaceOf(faces[i], key(i));
+    if (!face) wrong.push_back(face.error());
+    if (faces[i].face.rows % 2 == 0 && !file.Has(key(i) + ".legacy_pattern")) {
+      wrong.push_back(
+          Refused(key(i) + ".legacy_pattern",
+                  "is missing, and the number of rows is even: say true when the top-left "
+                  "square is white (OpenCV before 4.6), false when it is black"));
     }
-    text.board.faces.push_back(face);
+    // In its place in the list also when it stands nowhere: problems name faces by their number.
+    text.board.faces.push_back(face ? *face : faces[i].face);
   }
-  return {};
+  file.AddLocated(wrong, problems);
 }
 
-Result<rig::Board> BoardOf(const TomlFile& file) {
-  if (file.Has("cuboid") && file.Has("face")) {
-    return Refused("cuboid", "and [[face]] are in one file, expected one of them");
+/// What faces leave out is that of [board]: its place when a face's key is not in the file.
+std::vector<Error> AsWritten(const TomlFile& file, std::vector<Error> problems) {
+  for (Error& problem : problems) {
+    const size_t dot = problem.context.rfind('.');
+    if (dot == std::string::npos || !problem.context.starts_with("face[") ||
+        file.Has(problem.context)) {
+      continue;
+    }
+    const std::string common = "board" + problem.context.substr(dot);
+    if (file.Has(common)) problem.context = common;
   }
-  BoardText text;
-  ROTUNDA_RETURN_IF_ERROR(file.Count("face") > 0 ? ReadFaces(file, text) : ReadCuboid(file, text));
-  ROTUNDA_RETURN_IF_ERROR(text.board.Validate());
-  return text.board;
+  return problems;
 }
 
 }  // namespace
 
-Result<rig::Board> ParseBoard(const std::string& text, const std::string& source) {
-  ROTUNDA_ASSIGN_OR_RETURN(const TomlFile file, TomlFile::Parse(text, source));
-  Result<rig::Board> board = BoardOf(file);
-  // What TomlFile refuses already has its line.
-  if (!board && board.error().code == ErrorCode::kInvalidArgument) {
-    return file.Located(board.error());
+CheckedBoard CheckBoard(const std::string& text, const std::string& source) {
+  const Result<TomlFile> file = TomlFile::Parse(text, source);
+  if (!file) return {{}, {file.error()}};
+  CheckedBoard checked;
+  if (file->Has("cuboid") && file->Has("face")) {
+    file->AddLocated({Refused("cuboid", "and [[face]] are in one file, expected one of them")},
+                     checked.problems);
+    return checked;
   }
-  return board;
+  BoardText board;
+  const bool has_faces = file->Count("face") > 0;
+  has_faces ? ReadFaces(*file, board, checked.problems)
+            : ReadCuboid(*file, board, checked.problems);
+  // A cuboid that could not be drawn was refused already.
+  if (!board.board.faces.empty()) {
+    file->AddLocated(AsWritten(*file, board.board.Problems()), checked.problems);
+  }
+  checked.board = std::move(board.board);
+  return checked;
+}
+
+Result<rig::Board> ParseBoard(const std::string& text, const std::string& source) {
+  CheckedBoard checked = CheckBoard(text, source);
+  if (!checked.problems.empty()) return checked.problems.front();
+  return std::move(checked.board);
 }
 
 Result<rig::Board> ReadBoard(const std::filesystem::path& file) {

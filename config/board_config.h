@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "rig/board.h"
 #include "sfm/core/result.h"
@@ -14,5 +15,12 @@ namespace rotunda::config {
 /// wrong type, a value out of range, ids on two faces.
 Result<rig::Board> ParseBoard(const std::string& text, const std::string& source);
 Result<rig::Board> ReadBoard(const std::filesystem::path& file);
+
+/// The same, with every key that is wrong instead of the first.
+struct CheckedBoard {
+  rig::Board board;  // to be used only when there are no problems
+  std::vector<Error> problems;
+};
+CheckedBoard CheckBoard(const std::string& text, const std::string& source);
 
 }  // namespace rotunda::config

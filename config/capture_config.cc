@@ -68,10 +68,7 @@ CheckedCaptureOptions CheckCaptureOptions(const std::string& text, const std::st
   for (rig::CameraPlace& camera : options.cameras) {
     if (camera.uplink.empty() && uplinks.size() == 1) camera.uplink = uplinks.front().name;
   }
-  if (!checked.problems.empty()) return checked;
-  if (Status status = options.Validate(); !status) {
-    checked.problems.push_back(file->Located(status.error()));
-  }
+  file->AddLocated(options.Problems(), checked.problems);
   return checked;
 }
 

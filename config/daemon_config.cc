@@ -17,8 +17,9 @@ namespace fs = std::filesystem;
 
 constexpr int kAnyAmount = std::numeric_limits<int>::max();
 constexpr int kHour_ms = 3600 * 1000;
-// With the end of the jobs and the cameras, less than TimeoutStopSec of rotunda.service.
+// TimeoutStopSec of rotunda.service is 60 s: the daemon ends, and says why, before it is killed.
 constexpr int kMaxStop_ms = 20000;
+constexpr int kMaxEnd_ms = 55000;
 
 std::vector<Section> Sections(DaemonConfig& config) {
   DaemonConfig::Http& http = config.http;
@@ -26,7 +27,8 @@ std::vector<Section> Sections(DaemonConfig& config) {
            {{"socket", &config.service.socket},
             {"state_folder", &config.service.state_folder},
             {"log_level", &config.service.log_level},
-            {"stop_ms", &config.service.stop_ms}}},
+            {"stop_ms", &config.service.stop_ms},
+            {"end_ms", &config.service.end_ms}}},
           {"access",
            {{"viewer_group", &config.access.viewer_group},
             {"operator_group", &config.access.operator_group}}},
@@ -67,6 +69,7 @@ struct Range {
 std::vector<Range> Ranges(const DaemonConfig& config) {
   const DaemonConfig::Http& http = config.http;
   return {{"service.stop_ms", 1.0 * config.service.stop_ms, 100, kMaxStop_ms},
+          {"service.end_ms", 1.0 * config.service.end_ms, 1000, kMaxEnd_ms},
           // A header must hold what curl and browsers send.
           {"http.header_bytes", 1.0 * http.header_bytes, 1024, 1 << 20},
           {"http.body_bytes", 1.0 * http.body_bytes, 1024, 1 << 26},
@@ -112,6 +115,11 @@ std::vector<Error> WrongValues(const DaemonConfig& config) {
                                ", expected less than http.connections, which is " +
                                std::to_string(config.http.connections));
   }
+  if (config.service.end_ms <= config.service.stop_ms) {
+    refuse("service.end_ms", "is " + std::to_string(config.service.end_ms) +
+                                 ", expected more than service.stop_ms, which is " +
+                                 std::to_string(config.service.stop_ms));
+  }
   const auto absolute = [&](const char* key, const std::string& path) {
     if (!fs::path(path).is_absolute()) {
       refuse(key, "is \"" + path + "\", expected an absolute path");
@@ -137,9 +145,7 @@ CheckedDaemonConfig CheckDaemonConfigText(const std::string& text, const std::st
   const Result<TomlFile> file = TomlFile::Parse(text, source);
   if (!file) return {{}, {file.error()}};
   checked.problems = file->ReadAll(Sections(checked.config));
-  for (const Error& wrong : WrongValues(checked.config)) {
-    checked.problems.push_back(file->Located(wrong));
-  }
+  file->AddLocated(WrongValues(checked.config), checked.problems);
   return checked;
 }
 
@@ -159,7 +165,10 @@ CheckedDaemonConfig CheckDaemonConfig(const fs::path& file) {
   } else {
     problems.push_back(capture.error().In("devices.capture"));
   }
-  if (const Result<rig::Board> board = ReadBoard(devices.board); !board) {
+  if (const Result<std::string> board = ReadFile(devices.board)) {
+    const CheckedBoard target = CheckBoard(*board, devices.board);
+    problems.insert(problems.end(), target.problems.begin(), target.problems.end());
+  } else {
     problems.push_back(board.error().In("devices.board"));
   }
   return checked;
@@ -171,13 +180,12 @@ std::vector<std::string> NeedsRestart(const DaemonConfig& running, const DaemonC
   DaemonConfig before = running, after = wanted;
   const std::vector<Section> old_sections = Sections(before), new_sections = Sections(after);
   for (size_t s = 0; s < old_sections.size(); ++s) {
-    if (old_sections[s].name == "access") continue;  // reloaded
+    const std::string& name = old_sections[s].name;
+    if (name == "access" || name == "storage") continue;  // reloaded
     for (size_t f = 0; f < old_sections[s].fields.size(); ++f) {
       const Field& field = old_sections[s].fields[f];
-      const std::string key = old_sections[s].name + "." + std::string(field.key);
-      if (key == "service.log_level" || key == "storage.keep_days" || key == "storage.keep_count") {
-        continue;  // reloaded
-      }
+      const std::string key = name + "." + std::string(field.key);
+      if (key == "service.log_level") continue;  // reloaded
       const bool same = std::visit(
           [&](auto* value) {
             return *value == *std::get<decltype(value)>(new_sections[s].fields[f].target);

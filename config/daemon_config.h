@@ -18,6 +18,7 @@ struct DaemonConfig {
     std::string state_folder = "/var/lib/rotunda";
     std::string log_level = "info";
     int stop_ms = 10000;
+    int end_ms = 45000;
   } service;
 
   struct Access {

@@ -16,10 +16,13 @@ std::string ListOf(const Items& items, const Name& name) {
   return list;
 }
 
+/// "an array".
 std::string Describe(const toml::node& node) {
   std::ostringstream text;
   text << node.type();
-  return text.str();
+  const std::string type = text.str();
+  const bool vowel = std::string_view("aeiou").find(type[0]) != std::string_view::npos;
+  return (vowel ? "an " : "a ") + type;
 }
 
 double FromUnit(double value, Unit unit) {
@@ -85,7 +88,7 @@ void TomlFile::ReadNode(const std::string& name, const toml::node& node,
     return refuse("is not known; allowed are the tables " +
                   ListOf(sections, [](const Section& s) { return s.name; }));
   }
-  if (!node.is_table()) return refuse("is a " + Describe(node) + ", expected a table");
+  if (!node.is_table()) return refuse("is " + Describe(node) + ", expected a table");
   known->each ? ReadEach(*node.as_table(), *known, problems)
               : ReadFields(*node.as_table(), *known, problems);
 }
@@ -97,8 +100,7 @@ void TomlFile::ReadEach(const toml::table& table, const Section& section,
     if (node.is_table()) {
       ReadFields(*node.as_table(), {name, section.each(std::string(key.str()))}, problems);
     } else {
-      problems.emplace(LineOf(node),
-                       At(node, name, "is a " + Describe(node) + ", expected a table"));
+      problems.emplace(LineOf(node), At(node, name, "is " + Describe(node) + ", expected a table"));
     }
   }
 }
@@ -124,7 +126,7 @@ void TomlFile::ReadFields(const toml::table& table, const Section& section,
 Status TomlFile::ReadField(const toml::node& node, const std::string& name,
                            const Field& field) const {
   const auto expected = [&](const std::string& what) {
-    return At(node, name, "is a " + Describe(node) + ", expected " + what);
+    return At(node, name, "is " + Describe(node) + ", expected " + what);
   };
   if (int* const* whole = std::get_if<int*>(&field.target)) {
     const auto value = node.value_exact<int64_t>();
@@ -159,6 +161,26 @@ Error TomlFile::Located(const Error& error) const {
   if (!node) node = table_.at_path(error.context.substr(0, error.context.rfind('.')));
   if (!node) return {ErrorCode::kBadInput, error.message, source_ + ": " + error.context};
   return At(*node.node(), error.context, error.message);
+}
+
+void TomlFile::AddLocated(const std::vector<Error>& found, std::vector<Error>& problems) const {
+  const size_t read = problems.size();
+  for (const Error& error : found) {
+    const std::string key = ": " + error.context;
+    const bool is_named = std::any_of(problems.begin(), problems.begin() + static_cast<long>(read),
+                                      [&key](const Error& problem) {
+                                        return problem.context.ends_with(key) ||
+                                               problem.context.find(key + ".") != std::string::npos;
+                                      });
+    if (is_named) continue;
+    Error located = Located(error);
+    const auto is_same = [&located](const Error& problem) {
+      return problem.context == located.context && problem.message == located.message;
+    };
+    if (std::none_of(problems.begin(), problems.end(), is_same)) {
+      problems.push_back(std::move(located));
+    }
+  }
 }
 
 }  // namespace rotunda::config

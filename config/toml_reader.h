@@ -51,6 +51,9 @@ class TomlFile {
   /// The error of a Validate() whose context is "table.key", with the line the key is on, or else
   /// that of its table.
   Error Located(const Error& error) const;
+  /// Adds what a Problems() found, located, but for keys of which (or of a key below which)
+  /// ReadAll() has said something: their values are not those of the file. The same is said once.
+  void AddLocated(const std::vector<Error>& found, std::vector<Error>& problems) const;
 
  private:
   TomlFile(toml::table table, std::string source)

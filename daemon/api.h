@@ -20,7 +20,7 @@ struct ApiParts {
   CaptureStation& station;
   std::string version;
   std::string started_at;  // RFC 3339
-  uint64_t disk_reserve_bytes = 0;
+  std::function<uint64_t()> disk_reserve_bytes;
   std::function<HttpCounters()> counters;
 };
 

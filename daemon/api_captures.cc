@@ -32,12 +32,20 @@ HttpResponse One(const ApiParts& parts, const std::string& id) {
   if (!capture) return Problem(capture.error());
   const auto frames = ListFrames(parts.store, id);
   if (!frames) return Problem(frames.error());
-  const auto reconstructions = ListReconstructions(parts.store, id);
+  const auto reconstructions = ListReconstructions(parts.store, id, Page());
   if (!reconstructions) return Problem(reconstructions.error());
   Json answer = ToJson(*capture);
   answer["frames"] = ItemsJson(*frames);
-  answer["reconstructions"] = ItemsJson(*reconstructions);
+  answer["reconstructions"] = ItemsJson(reconstructions->items);
   return JsonAnswer(answer);
+}
+
+HttpResponse Reconstructions(const ApiParts& parts, const ApiRequest& request) {
+  const Result<Page> page = PageOf(request);
+  if (!page) return Problem(page.error());
+  const std::string& id = request.path.at("capture");
+  if (const auto capture = FindCapture(parts.store, id); !capture) return Problem(capture.error());
+  return JsonAnswer(ListReconstructions(parts.store, id, *page));
 }
 
 HttpResponse Picture(const ApiParts& parts, const ApiRequest& request) {
@@ -195,7 +203,7 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
       {.method = "GET",
        .path = "/v1/captures/{capture}",
        .operation = "getCapture",
-       .summary = "One capture, its frames and reconstructions",
+       .summary = "One capture, its frames and newest reconstructions",
        .schema = "CaptureDetail",
        .handle =
            [parts](const ApiRequest& request) { return One(parts, request.path.at("capture")); }},
@@ -260,6 +268,13 @@ std::vector<Route> CaptureRoutes(const ApiParts& parts) {
        .query = PageQuery(),
        .schema = "CapturePage",
        .handle = [parts](const ApiRequest& request) { return List(parts, request); }},
+      {.method = "GET",
+       .path = "/v1/captures/{capture}/reconstructions",
+       .operation = "listReconstructions",
+       .summary = "Reconstructions of the capture, newest first",
+       .query = PageQuery(),
+       .schema = "ReconstructionPage",
+       .handle = [parts](const ApiRequest& request) { return Reconstructions(parts, request); }},
       {.method = "POST",
        .path = "/v1/captures/{capture}/reconstructions",
        .role = Role::kOperator,

@@ -126,7 +126,7 @@ Json ToJson(const EventRecord& event) {
 
 Json ToJson(const rig::CameraState& camera) {
   Json object = {{"camera", camera.camera},
-                 {"condition", rig::ConditionName(camera.condition)},
+                 {"condition", rig::ConditionName(camera)},
                  {"address", camera.identity.address},
                  {"serial", camera.identity.serial},
                  {"vendor", camera.identity.vendor},

@@ -89,7 +89,7 @@ struct Overview {
   size_t queued_jobs = 0;
   std::optional<CalibrationRecord> calibration;
   std::optional<CaptureRecord> last_capture;
-  uint64_t free_bytes = 0;
+  uint64_t free_bytes = 0, reserve_bytes = 0;
   std::vector<std::string> problems;
 };
 
@@ -115,10 +115,11 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
   const auto space = std::filesystem::space(parts.store.options().state_folder, failure);
   if (failure) overview.problems.push_back("the disk cannot be asked: " + failure.message());
   overview.free_bytes = failure ? 0 : space.available;
-  if (overview.free_bytes < parts.disk_reserve_bytes) {
+  overview.reserve_bytes = parts.disk_reserve_bytes();
+  if (overview.free_bytes < overview.reserve_bytes) {
     overview.problems.push_back(
         "the disk has less room than the reserve: captures are refused. Remove captures, or lower "
-        "storage.reserve_mb");
+        "storage.reserve_mb and reload");
   }
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
 }
@@ -169,7 +170,7 @@ HttpResponse StatusAnswer(const ApiParts& parts, CalibrationCheck& check) {
         {"not_ready", overview->not_ready}}},
       {"jobs", {{"queued", overview->queued_jobs}, {"running", ItemsJson(overview->running)}}},
       {"moved", ItemsJson(overview->moved)},
-      {"disk", {{"free_bytes", overview->free_bytes}, {"reserve_bytes", parts.disk_reserve_bytes}}},
+      {"disk", {{"free_bytes", overview->free_bytes}, {"reserve_bytes", overview->reserve_bytes}}},
       {"problems", overview->problems}};
   if (overview->calibration) answer["calibration"] = overview->calibration->id;
   if (overview->last_capture) answer["last_capture"] = ToJson(*overview->last_capture);
@@ -203,7 +204,7 @@ HttpResponse MetricsAnswer(const ApiParts& parts, CalibrationCheck& check) {
   metrics.Add("jobs_running", "gauge", "Jobs under way", overview->running.size());
   metrics.Add("disk_free_bytes", "gauge", "Free where captures are kept", overview->free_bytes);
   metrics.Add("disk_reserve_bytes", "gauge", "With less captures are refused",
-              parts.disk_reserve_bytes);
+              overview->reserve_bytes);
   metrics.Add("problems", "gauge", "Entries of the list in /v1/status", overview->problems.size());
   metrics.Add("http_requests_total", "counter", "Requests read", http.requests);
   metrics.Add("http_connections", "gauge", "Connections open", http.connections);

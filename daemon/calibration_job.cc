@@ -11,10 +11,12 @@
 #include "daemon/calibration_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
+#include "rig/board.h"
 #include "rig/calibration_report.h"
 #include "rig/calibration_result.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
+#include "sfm/core/name_list.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -55,49 +57,83 @@ std::vector<std::string> Advice(const rig::BoardSightings& sightings,
   return lines;
 }
 
-std::vector<std::string> Notes(const rig::BoardSightings& sightings,
-                               const rig::RigCalibration& result,
-                               const std::vector<rig::CameraCheck>& checks) {
-  std::vector<std::string> notes;
-  if (!result.frame_problem.empty()) notes.push_back(result.frame_problem);
+/// Cameras, shots and pictures that are not in the result. With the board file in doubt, what does
+/// not fit is told in one note, since that may explain it.
+void AddLeftOut(const rig::BoardSightings& sightings, const rig::RigCalibration& result,
+                bool board_doubted, std::vector<std::string>& notes) {
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
-    const std::string& name = sightings.cameras[c].camera;
-    if (!result.camera_problem[c].empty()) {
-      notes.push_back(name + " is not calibrated: " + result.camera_problem[c]);
-    }
+    const std::string& problem = result.camera_problem[c];
+    if (problem.empty()) continue;
+    notes.push_back(sightings.cameras[c].camera + " is not calibrated" +
+                    (board_doubted ? " (which the board file may explain)" : "") + ": " + problem);
   }
   for (size_t s = 0; s < sightings.shots.size(); ++s) {
     if (!result.shot_problem[s].empty()) {
       notes.push_back(sightings.shots[s].id + " was left out: " + result.shot_problem[s]);
     }
   }
+  std::vector<std::string> pictures;
   for (const rig::DroppedPicture& dropped : result.dropped) {
     if (!dropped.camera) continue;
-    notes.push_back(sightings.cameras[*dropped.camera].camera + " in " +
-                    sightings.shots[dropped.shot].id + " was left out: " + dropped.reason);
+    pictures.push_back(sightings.cameras[*dropped.camera].camera + " in " +
+                       sightings.shots[dropped.shot].id);
+    if (!board_doubted) notes.push_back(pictures.back() + " was left out: " + dropped.reason);
   }
-  for (std::string& advice : Advice(sightings, checks)) notes.push_back(std::move(advice));
-  if (result.drawing_refused) {
-    notes.push_back(
-        "the faces of the board do not stand as the board file draws them; where they are was "
-        "found from the pictures alone");
+  if (board_doubted && !pictures.empty()) {
+    notes.push_back("left out, as they do not fit (which the board file may explain): " +
+                    ListOfNames(pictures));
+  }
+}
+
+/// The calibration whose cameras this one's should fit as well as.
+const Calibration* Reference(const CalibrationTask& task) {
+  if (task.intrinsics_from) return &task.intrinsics_from->calibration;
+  return task.compare ? &task.compare->calibration : nullptr;
+}
+
+/// What explains most comes first.
+std::vector<std::string> Notes(const CalibrationTask& task, const CalibrationOutcome& outcome) {
+  const rig::RigCalibration& result = outcome.result;
+  std::vector<std::string> notes;
+  const std::string doubt = rig::DoubtOnBoard(task.board, outcome.sightings, &result, {});
+  if (!doubt.empty()) notes.push_back(task.board_name + " " + doubt);
+  for (std::string& fit :
+       rig::DoubtsOnFit(outcome.calibration, outcome.checks, Reference(task), {})) {
+    notes.push_back(std::move(fit));
+  }
+  if (!result.frame_problem.empty()) notes.push_back(result.frame_problem);
+  AddLeftOut(outcome.sightings, result, !doubt.empty(), notes);
+  if (doubt.empty()) {  // else it would be of cameras with which nothing may be wrong
+    for (std::string& advice : Advice(outcome.sightings, outcome.checks)) {
+      notes.push_back(std::move(advice));
+    }
+  }
+  if (task.compare) {
+    const Status same =
+        rig::CheckSameTarget(task.board, task.compare->calibration, task.compare->name);
+    if (!same.ok()) {
+      notes.push_back("compared with a calibration of another target: " +
+                      same.error().In(task.board_name).ToString());
+    }
   }
   return notes;
 }
 
-Result<std::optional<Calibration>> ReadOurs(Store& store, const std::optional<std::string>& id) {
-  if (!id) return std::optional<Calibration>();
+Result<std::optional<EarlierCalibration>> ReadOurs(Store& store,
+                                                   const std::optional<std::string>& id) {
+  if (!id) return std::optional<EarlierCalibration>();
   ROTUNDA_ASSIGN_OR_RETURN(const CalibrationRecord record, FindCalibration(store, *id));
   ROTUNDA_ASSIGN_OR_RETURN(
       Calibration calibration,
       ReadCalibration(store.CalibrationFolder(record.id) / "calibration.json"));
-  return std::optional<Calibration>(std::move(calibration));
+  return std::optional<EarlierCalibration>({std::move(calibration), record.id});
 }
 
 Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
                                const fs::path& board) {
   CalibrationTask task;
   ROTUNDA_ASSIGN_OR_RETURN(task.board, config::ReadBoard(board));
+  task.board_name = board.string();
   for (const std::string& id : request.captures) {
     ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(store, id));
     task.framesets.push_back(store.CaptureFolder(capture.id));
@@ -106,6 +142,7 @@ Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
   ROTUNDA_ASSIGN_OR_RETURN(task.frame_from, ReadOurs(store, request.frame_from));
   ROTUNDA_ASSIGN_OR_RETURN(task.intrinsics_from, ReadOurs(store, request.intrinsics_from));
   std::optional<std::string> compare = request.compare;
+  task.compare_asked_for = compare.has_value();
   if (!compare) {
     ROTUNDA_ASSIGN_OR_RETURN(const auto active, ActiveCalibration(store));
     if (active) compare = active->id;
@@ -115,11 +152,58 @@ Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
 }
 
 /// Another rig's calibration is refused before the work.
-Status CheckReference(const rig::ShotPictures& pictures, const std::optional<Calibration>& other,
-                      const std::string& use, size_t least) {
+Status CheckReference(const rig::ShotPictures& pictures,
+                      const std::optional<EarlierCalibration>& other, const std::string& use,
+                      size_t least) {
   if (!other) return {};
-  const Status shared = rig::CheckShared(pictures.cameras, *other, least);
-  return shared.ok() ? shared : Status(shared.error().In(use + " " + other->id));
+  const Status shared = rig::CheckShared(pictures.cameras, other->calibration, least);
+  return shared.ok() ? shared : Status(shared.error().In(use + " " + other->name));
+}
+
+/// What was kept or is compared with must be of the same target.
+Status CheckTarget(const CalibrationTask& task, const std::optional<EarlierCalibration>& other) {
+  if (!other) return {};
+  const Status same = rig::CheckSameTarget(task.board, other->calibration, other->name);
+  return same.ok() ? same : Status(same.error().In(task.board_name));
+}
+
+Status CheckKept(const CalibrationTask& task, const std::vector<rig::SightedCamera>& cameras) {
+  if (!task.intrinsics_from) return {};
+  const Status kept = rig::CheckKeptLenses(cameras, task.intrinsics_from->calibration);
+  return kept.ok() ? kept : Status(kept.error().In(task.intrinsics_from->name));
+}
+
+/// All that can be refused before pictures are read.
+Status CheckTask(const CalibrationTask& task, const rig::ShotPictures& pictures) {
+  const Status frame = rig::CheckFrameShot(pictures.shots, task.board.rig_frame);
+  if (!frame.ok()) return frame.error().In(task.board_name);
+  ROTUNDA_RETURN_IF_ERROR(
+      CheckReference(pictures, task.compare, "compare", rig::kMinComparedCameras));
+  ROTUNDA_RETURN_IF_ERROR(CheckReference(pictures, task.frame_from, "frame_from", 1));
+  ROTUNDA_RETURN_IF_ERROR(CheckTarget(task, task.intrinsics_from));
+  if (task.compare_asked_for) ROTUNDA_RETURN_IF_ERROR(CheckTarget(task, task.compare));
+  return CheckKept(task, pictures.cameras);
+}
+
+/// Why there is no calibration: the board file, when the pictures contradict it.
+Error Explained(const CalibrationTask& task, const CalibrationOutcome& outcome,
+                const Error& error) {
+  const std::string doubt = error.code == ErrorCode::kCancelled
+                                ? ""
+                                : rig::DoubtOnBoard(task.board, outcome.sightings, nullptr, {});
+  if (doubt.empty()) return error;
+  return {error.code, doubt + " (" + error.ToString() + ")", task.board_name};
+}
+
+Result<rig::RigCalibration> Solve(const CalibrationTask& task, const rig::BoardSightings& sightings,
+                                  RunContext& context) {
+  rig::RigCalibrationOptions options;
+  options.model = task.model;
+  if (task.intrinsics_from) {
+    options.intrinsics_from = options.frame_from = &task.intrinsics_from->calibration;
+  }
+  if (task.frame_from) options.frame_from = &task.frame_from->calibration;
+  return rig::CalibrateRig(task.board, sightings, options, context);
 }
 
 Status WriteFolder(const CalibrationTask& task, const CalibrationOutcome& outcome,
@@ -183,18 +267,16 @@ Result<std::string> Run(Store& store, const CalibrationJobOptions& options, cons
 Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& task, RunContext& context) {
   CalibrationOutcome outcome;
   ROTUNDA_ASSIGN_OR_RETURN(const rig::ShotPictures pictures, rig::FindShots(task.framesets));
-  ROTUNDA_RETURN_IF_ERROR(
-      CheckReference(pictures, task.compare, "compare", rig::kMinComparedCameras));
-  ROTUNDA_RETURN_IF_ERROR(CheckReference(pictures, task.frame_from, "frame_from", 1));
+  ROTUNDA_RETURN_IF_ERROR(CheckTask(task, pictures));
   ROTUNDA_ASSIGN_OR_RETURN(outcome.sightings, rig::DetectBoards(pictures, task.board, {}, context));
-  rig::RigCalibrationOptions options;
-  options.model = task.model;
-  if (task.intrinsics_from) options.intrinsics_from = options.frame_from = &*task.intrinsics_from;
-  if (task.frame_from) options.frame_from = &*task.frame_from;
-  ROTUNDA_ASSIGN_OR_RETURN(outcome.result,
-                           rig::CalibrateRig(task.board, outcome.sightings, options, context));
-  ROTUNDA_ASSIGN_OR_RETURN(outcome.validation,
-                           rig::CrossValidate(task.board, outcome.result, {}, context));
+  ROTUNDA_RETURN_IF_ERROR(CheckKept(task, outcome.sightings.cameras));  // sizes are known now
+  Result<rig::RigCalibration> result = Solve(task, outcome.sightings, context);
+  if (!result) return Explained(task, outcome, result.error());
+  outcome.result = *std::move(result);
+  Result<rig::CrossValidation> validation =
+      rig::CrossValidate(task.board, outcome.result, {}, context);
+  if (!validation) return Explained(task, outcome, validation.error());
+  outcome.validation = *std::move(validation);
   outcome.checks = rig::CheckCameras(task.board, outcome.sightings, outcome.result, {});
 
   Calibration& calibration = outcome.calibration;
@@ -202,10 +284,10 @@ Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& task, RunConte
       rig::ToCalibration(task.board, outcome.sightings, outcome.result, &outcome.validation);
   calibration.created_at = NewestShot(outcome.sightings);
   if (!calibration.created_at.empty()) calibration.id = CalibrationIdOf(calibration.created_at);
-  outcome.notes = Notes(outcome.sightings, outcome.result, outcome.checks);
+  outcome.notes = Notes(task, outcome);
   if (task.compare) {
     ROTUNDA_ASSIGN_OR_RETURN(outcome.comparison,
-                             rig::CompareCalibrations(*task.compare, calibration, {}));
+                             rig::CompareCalibrations(task.compare->calibration, calibration, {}));
   }
   if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
   return outcome;

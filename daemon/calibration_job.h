@@ -18,14 +18,25 @@
 
 namespace rotunda::daemon {
 
+/// An earlier calibration, and what messages call it: its file, or its id in the store.
+struct EarlierCalibration {
+  Calibration calibration;
+  std::string name;
+};
+
 /// What a calibration is made from.
 struct CalibrationTask {
   rig::Board board;
+  std::string board_name = "the board file";     // in messages
   std::vector<std::filesystem::path> framesets;  // as rig::FindShots takes them
   rig::LensModel model = rig::LensModel::kOpencv;
-  std::optional<Calibration> intrinsics_from;  // lenses, rig frame and target held as they were
-  std::optional<Calibration> frame_from;       // rig frame
-  std::optional<Calibration> compare;          // name the cameras that moved since
+  /// Lenses, rig frame and target held as they were; refused when that was another target.
+  std::optional<EarlierCalibration> intrinsics_from;
+  std::optional<EarlierCalibration> frame_from;  // rig frame
+  std::optional<EarlierCalibration> compare;     // name the cameras that moved since
+  /// Whether `compare` was asked for: it is refused then when it is of another target, which else
+  /// is a note.
+  bool compare_asked_for = true;
 };
 
 struct CalibrationOutcome {

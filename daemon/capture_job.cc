@@ -152,9 +152,11 @@ Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot
   if (!shot) return result;  // taken before the daemon was interrupted
   result["summary"] = shot->Summary();
   result["pulses"] = shot->pulses;
-  result["median_skew_us"] = shot->skew.median_us;
-  result["max_skew_us"] = shot->skew.max_us;
-  result["max_skew_camera"] = shot->skew.worst;
+  if (shot->skew.known()) {
+    result["median_skew_us"] = shot->skew.median_us;
+    result["max_skew_us"] = shot->skew.max_us;
+    result["max_skew_camera"] = shot->skew.worst;
+  }
   result["resent_packets"] = shot->ResentPackets();
   return result;
 }
@@ -179,7 +181,7 @@ struct CaptureWork {
   CaptureJobOptions options;
 
   Status CheckRoom() const {
-    return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes);
+    return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes());
   }
   /// Whether an earlier run, which did not come to its end, had taken its shot.
   bool HasShot(const std::string& id) const {
@@ -253,6 +255,7 @@ rig::Shot FactsOf(const rig::Shot& shot) {
   facts.skew = shot.skew;
   facts.pulses = shot.pulses;
   facts.first_try = shot.first_try;
+  facts.interrupted = shot.interrupted;
   for (const rig::CameraShot& each : shot.cameras) {
     rig::CameraShot& copy = facts.cameras.emplace_back();
     copy.camera = each.camera;
@@ -329,7 +332,7 @@ std::optional<NewJob> CaptureFollowUp(const JobRecord& job) {
 }
 
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options) {
-  const CaptureWork work{store, station, options};
+  const CaptureWork work{store, station, std::move(options)};
   JobHandler handler;
   handler.check = [](const std::string& body) -> Result<std::string> {
     ROTUNDA_ASSIGN_OR_RETURN(const CaptureRequest request, ParseCaptureRequest(body));

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -62,8 +63,8 @@ class CaptureStation {
 rig::Shot FactsOf(const rig::Shot& shot);
 
 struct CaptureJobOptions {
-  /// With less room on the disk captures are refused.
-  uint64_t disk_reserve_bytes = 0;
+  /// With less room on the disk captures are refused. From any thread.
+  std::function<uint64_t()> disk_reserve_bytes = [] { return uint64_t{0}; };
 };
 
 /// The reconstruction that a capture job asks for; nullopt: none. For StoreOptions.
@@ -73,9 +74,9 @@ std::optional<NewJob> CaptureFollowUp(const JobRecord& job);
 /// force; when that cannot be read the shot is taken without it and "notes" says so. Its
 /// reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok", "of",
 /// "complete", "notes"?, "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
-/// "resent_packets"}, the figures of the shot only when it was taken in this run. Run again it
-/// keeps the shot that it had taken; without one it takes it under a new id. `store` and `station`
-/// outlive the handler.
+/// "resent_packets"}, the figures of the shot only when it was taken in this run, the skew only
+/// when it is known. Run again it keeps the shot that it had taken; without one it takes it under a
+/// new id. `store` and `station` outlive the handler.
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options);
 
 }  // namespace rotunda::daemon

@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <cstdint>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
@@ -36,10 +35,11 @@ struct HttpAccess {
   std::vector<gid_t> operators;
 };
 
-/// A request that was answered (or whose client went away before).
+/// A request that was answered (or whose client went away before), or a connection that was
+/// refused.
 struct AccessEntry {
   Peer peer;
-  std::string method;
+  std::string method;  // empty: no request could be read
   std::string target;  // printable
   int status = 0;      // 0: the answer was not taken, or not given, to its end
   uint64_t sent_bytes = 0;
@@ -94,9 +94,5 @@ class HttpServer {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-/// Makes and listens on a socket that its owner and group may use. One that a dead process left
-/// behind is replaced; kAlreadyExists: a living one listens there, or it is no socket.
-Result<int> ListenOn(const std::filesystem::path& path);
 
 }  // namespace rotunda::daemon

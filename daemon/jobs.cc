@@ -161,9 +161,13 @@ void JobQueue::Worker::Judge(const Result<std::string>& outcome, JobRecord& job)
 }
 
 /// A full disk must not leave a finished job "running": tried until it is stored or the daemon
-/// stops (the next start calls it interrupted, then).
+/// stops (the next start calls it interrupted, then). A row that is gone or broken stays so.
 void JobQueue::Worker::StoreEnd(const JobRecord& job) {
-  while (!EndJob(queue_.store_, job).ok()) {
+  const auto refused = [&] {
+    const Status ended = EndJob(queue_.store_, job);
+    return !ended && ended.error().code == ErrorCode::kIo;
+  };
+  while (refused()) {
     std::unique_lock lock(mutex_);
     last_sign_ = Clock::now();
     if (quit_) return;

@@ -69,6 +69,8 @@ Result<ReconstructionTask> TaskOf(Store& store, const ReconstructionRequest& req
 Result<std::string> Run(Store& store, int threads, const JobRecord& job, JobContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRequest request,
                            ParseReconstructionRequest(job.body));
+  // First: the name of what is made is made of it.
+  ROTUNDA_RETURN_IF_ERROR(FindCapture(store, request.capture));
   std::string id = job.product;
   std::error_code ignored;
   if (id.empty()) {

@@ -45,7 +45,7 @@ Result<std::vector<std::string>> NamedByPolicy(Store& store, const RetentionPoli
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
     Statement row = database.Prepare(query);
     if (policy.keep_days) row.Bind(store.Now());
-    while (row.Step()) named.push_back(row.Text());
+    while (row.Step()) named.push_back(row.Id());
     return row.status();
   }));
   return named;

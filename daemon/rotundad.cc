@@ -3,12 +3,16 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
+#include <condition_variable>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <ctime>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 
 #include "config/daemon_config.h"
 #include "daemon/service.h"
@@ -83,6 +87,30 @@ void Run(Service& service, const Arguments& arguments, const sigset_t& signals,
   }
 }
 
+/// Ends the process when its orderly end takes longer than `patience`. A thread that waits for a
+/// disk that does not answer cannot be ended otherwise, and nothing is lost that a crash would not
+/// lose: what was acknowledged is on the disk, and the next start marks jobs under way interrupted.
+class LatestEnd {
+ public:
+  LatestEnd(std::chrono::milliseconds patience, spdlog::logger& log)
+      : thread_([patience, &log](std::stop_token ended) {
+          std::mutex mutex;
+          std::condition_variable_any wake;
+          std::unique_lock lock(mutex);
+          wake.wait_for(lock, ended, patience, [] { return false; });
+          if (ended.stop_requested()) return;
+          log.critical(
+              "not at the end after {} ms (service.end_ms): something does not answer, a disk or a "
+              "share; ended all the same, jobs under way are interrupted",
+              patience.count());
+          log.flush();
+          std::_Exit(kFailed);
+        }) {}
+
+ private:
+  std::jthread thread_;
+};
+
 int Serve(const Arguments& arguments, const config::DaemonConfig& config) {
   const sigset_t signals = BlockSignals();
   const std::unique_ptr<spdlog::logger> log = MakeLog(config.service.log_level);
@@ -103,6 +131,7 @@ int Serve(const Arguments& arguments, const config::DaemonConfig& config) {
   Run(**service, arguments, signals, *log);
   NotifyStopping();
   log->info("stopping");
+  const LatestEnd latest_end(std::chrono::milliseconds(config.service.end_ms), *log);
   *service = nullptr;
   log->info("stopped");
   return kDone;
@@ -137,7 +166,7 @@ int Main(int argc, char** argv) {
       ->excludes(check);
   app.footer(
       "Example:\n  rotundad --config /etc/rotunda/rotundad.toml --check-config\n\nSIGHUP reloads "
-      "the configuration, SIGTERM ends the daemon.");
+      "the configuration, SIGTERM ends the daemon, within service.end_ms whatever hangs.");
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {

@@ -3,6 +3,7 @@
 #include <grp.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cerrno>
 #include <condition_variable>
 #include <filesystem>
@@ -15,6 +16,7 @@
 #include "daemon/calibration_job.h"
 #include "daemon/capture_job.h"
 #include "daemon/events.h"
+#include "daemon/http_listener.h"
 #include "daemon/http_server.h"
 #include "daemon/jobs.h"
 #include "daemon/reconstruction_job.h"
@@ -28,6 +30,12 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 
+// Parts of the daemon as the log names them.
+constexpr char kStore[] = "store";
+constexpr char kCameras[] = "cameras";
+constexpr char kJobs[] = "jobs";
+constexpr char kHousekeeping[] = "housekeeping";
+constexpr char kApi[] = "API";
 // The threads of the server do something twice a second. A handler may read a large model for some
 // seconds, and all of them may at the same time.
 constexpr auto kServerSilence = std::chrono::seconds(30);
@@ -124,10 +132,27 @@ class Housekeeper {
   std::jthread thread_;
 };
 
+template <typename Part>
+void End(std::unique_ptr<Part>& part, const char* name, spdlog::logger& log) {
+  if (!part) return;
+  part = nullptr;
+  log.info("ended: {}", name);
+}
+
 }  // namespace
 
 /// In the order in which they are made.
 struct Service::Parts {
+  explicit Parts(int reserve_mb) { SetReserve(reserve_mb); }
+  void SetReserve(int reserve_mb) {
+    reserve_bytes = kBytesPerMegabyte * static_cast<uint64_t>(reserve_mb);
+  }
+  /// What to ask for the reserve; these outlive those who do.
+  std::function<uint64_t()> Reserve() const {
+    return [this] { return reserve_bytes.load(); };
+  }
+
+  std::atomic<uint64_t> reserve_bytes;
   EventHub events;
   std::unique_ptr<EventHub::Subscription> event_log;
   std::unique_ptr<Store> store;
@@ -141,11 +166,14 @@ struct Service::Parts {
 };
 
 Service::Service(Options options, spdlog::logger& log)
-    : options_(std::move(options)), log_(log), parts_(std::make_unique<Parts>()) {}
+    : options_(std::move(options)),
+      log_(log),
+      parts_(std::make_unique<Parts>(options_.config.storage.reserve_mb)) {}
 
 Result<std::unique_ptr<Service>> Service::Start(Options options, spdlog::logger& log) {
   std::unique_ptr<Service> service(new Service(std::move(options), log));
   ROTUNDA_RETURN_IF_ERROR(service->StartStore());
+  log.info("started: {}", kStore);
   Parts& parts = *service->parts_;
   const config::DaemonConfig& config = service->options_.config;
 
@@ -158,19 +186,21 @@ Result<std::unique_ptr<Service>> Service::Start(Options options, spdlog::logger&
   if (Status opened = parts.station->Open(); !opened) {
     log.error("cameras: {}; the next capture tries again", opened.error().ToString());
   }
-  const uint64_t reserve_bytes =
-      kBytesPerMegabyte * static_cast<uint64_t>(config.storage.reserve_mb);
+  log.info("started: {}", kCameras);
   JobQueue::Options queue;
   queue.capture_silence = std::chrono::seconds(config.jobs.capture_silence_s);
   queue.computing_silence = std::chrono::seconds(config.jobs.computing_silence_s);
   parts.jobs = std::make_unique<JobQueue>(
       *parts.store,
-      JobHandlers{MakeCaptureHandler(*parts.store, *parts.station, {reserve_bytes}),
+      JobHandlers{MakeCaptureHandler(*parts.store, *parts.station, {parts.Reserve()}),
                   MakeCalibrationHandler(*parts.store, {config.devices.board, config.jobs.threads}),
                   MakeReconstructionHandler(*parts.store, config.jobs.threads)},
       queue);
+  log.info("started: {}", kJobs);
   parts.housekeeper = std::make_unique<Housekeeper>(*parts.store, PolicyOf(config.storage), log);
+  log.info("started: {}", kHousekeeping);
   ROTUNDA_RETURN_IF_ERROR(service->StartServer());
+  log.info("started: {}", kApi);
   return service;
 }
 
@@ -192,14 +222,12 @@ Status Service::StartStore() {
 Status Service::StartServer() {
   const config::DaemonConfig& config = options_.config;
   Parts& parts = *parts_;
-  const uint64_t reserve_bytes =
-      kBytesPerMegabyte * static_cast<uint64_t>(config.storage.reserve_mb);
   const ApiParts api{*parts.store,
                      *parts.jobs,
                      *parts.station,
                      options_.version,
                      parts.store->Now(),
-                     reserve_bytes,
+                     parts.Reserve(),
                      [&parts] { return parts.server->counters(); }};
   parts.router = std::make_unique<Router>(ApiRoutes(api), RoleNames(config.access));
   std::optional<int> fd = options_.listening_fd;
@@ -222,13 +250,18 @@ Status Service::StartServer() {
 }
 
 Service::~Service() {
+  Parts& parts = *parts_;
   // All are told before any is waited for.
-  if (parts_->jobs) parts_->jobs->RequestStop();
-  if (parts_->housekeeper) parts_->housekeeper->RequestStop();
-  if (parts_->server) {
-    parts_->server->Stop(milliseconds(options_.config.service.stop_ms));
-  }
-  if (!parts_->own_socket.empty()) unlink(parts_->own_socket.c_str());
+  if (parts.jobs) parts.jobs->RequestStop();
+  if (parts.housekeeper) parts.housekeeper->RequestStop();
+  if (parts.server) parts.server->Stop(milliseconds(options_.config.service.stop_ms));
+  parts.wake_streams = nullptr;
+  End(parts.server, kApi, log_);
+  if (!parts.own_socket.empty()) unlink(parts.own_socket.c_str());
+  End(parts.housekeeper, kHousekeeping, log_);
+  End(parts.jobs, kJobs, log_);
+  End(parts.station, kCameras, log_);
+  End(parts.store, kStore, log_);
 }
 
 void Service::Reload(const config::DaemonConfig& wanted) {
@@ -239,6 +272,7 @@ void Service::Reload(const config::DaemonConfig& wanted) {
   parts_->server->SetAccess(AccessOf(wanted.access, log_));
   parts_->router->SetGroups(RoleNames(wanted.access));
   parts_->housekeeper->SetPolicy(PolicyOf(wanted.storage));
+  parts_->SetReserve(wanted.storage.reserve_mb);
 }
 
 std::optional<std::string> Service::Hung() const {

@@ -13,8 +13,8 @@
 
 namespace rotunda::daemon {
 
-/// The whole daemon: store, cameras, jobs, API, housekeeping; begun in this order, ended in the
-/// reverse.
+/// The whole daemon: store, cameras, jobs, housekeeping, API; started in this order, ended in the
+/// reverse, as the log tells.
 class Service {
  public:
   struct Options {
@@ -28,7 +28,8 @@ class Service {
   /// Serves when it returns. `log` outlives the service. Cameras that cannot be opened are logged
   /// and tried again by the next capture.
   static Result<std::unique_ptr<Service>> Start(Options options, spdlog::logger& log);
-  /// Ends event streams, lets answers under way finish, marks running jobs interrupted.
+  /// Ends event streams, lets answers under way finish, marks running jobs interrupted. Waits as
+  /// long as a disk that is read or written does not answer.
   ~Service();
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;

@@ -56,9 +56,10 @@ void LogAccess(spdlog::logger& log, const AccessEntry& entry) {
   const std::string end = !entry.trouble.empty() ? "cut off (" + entry.trouble + ")"
                           : entry.status == 0    ? "client left"
                                                  : std::to_string(entry.status);
+  const std::string request = entry.method.empty() ? "-" : entry.method + " " + entry.target;
   log.log(entry.trouble.empty() ? spdlog::level::info : spdlog::level::err,
-          "access uid={} pid={} \"{} {}\" {} {} bytes {:.1f} ms", entry.peer.uid, entry.peer.pid,
-          entry.method, entry.target, end, entry.sent_bytes, 1000 * entry.seconds);
+          "access uid={} pid={} \"{}\" {} {} bytes {:.1f} ms", entry.peer.uid, entry.peer.pid,
+          request, end, entry.sent_bytes, 1000 * entry.seconds);
 }
 
 void LogEvent(spdlog::logger& log, const EventRecord& event) {

@@ -149,7 +149,11 @@ Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& event
   }
   ROTUNDA_RETURN_IF_ERROR(store->LockFolder());
   ROTUNDA_RETURN_IF_ERROR(store->OpenDatabase());
-  ROTUNDA_ASSIGN_OR_RETURN(store->recovery_, Recover(*store));
+  Result<RecoveryReport> recovery = Recover(*store);
+  if (!recovery) {
+    return AsDamaged(recovery.error(), store->options_.state_folder / kDatabaseName);
+  }
+  store->recovery_ = *std::move(recovery);
   return store;
 }
 

@@ -18,7 +18,7 @@ constexpr char kSelect[] =
 
 CalibrationRecord ReadRow(Statement& row) {
   CalibrationRecord calibration;
-  calibration.id = row.Text();
+  calibration.id = row.Id();
   calibration.created_at = row.Text();
   calibration.folder = "calibrations/" + calibration.id;
   calibration.source = row.Text();
@@ -45,10 +45,10 @@ const char* SourceName(CalibrationSource source) {
 
 Result<CalibrationRecord> Select(Database& database, const std::string& id) {
   Statement row = database.Prepare(std::string(kSelect) + "WHERE id = ?");
-  const bool found = row.Bind(id).Step();
-  ROTUNDA_RETURN_IF_ERROR(row.status());
-  if (!found) return NotFound("calibration", id);
-  return ReadRow(row);
+  ROTUNDA_ASSIGN_OR_RETURN(std::optional<CalibrationRecord> calibration,
+                           ReadOne(row.Bind(id), ReadRow));
+  if (!calibration) return NotFound("calibration", id);
+  return *std::move(calibration);
 }
 
 Status Insert(Database& database, const std::string& id, const Calibration& calibration) {

@@ -1,5 +1,6 @@
 #include "daemon/store_captures.h"
 
+#include <algorithm>
 #include <system_error>
 #include <utility>
 
@@ -26,7 +27,7 @@ FROM captures c LEFT JOIN reconstructions r ON r.id =
 
 CaptureRecord ReadCapture(Statement& row) {
   CaptureRecord capture;
-  capture.id = row.Text();
+  capture.id = row.Id();
   capture.captured_at = row.Text();
   capture.subject = row.OptionalText();
   capture.folder = "captures/" + capture.id;
@@ -34,7 +35,7 @@ CaptureRecord ReadCapture(Statement& row) {
   capture.frames = row.Count();
   capture.calibration = row.OptionalText();
   capture.files_gone = row.Bool();
-  capture.reconstruction = row.OptionalText();
+  capture.reconstruction = row.OptionalId();
   capture.verdict = row.Text();
   return capture;
 }
@@ -103,10 +104,35 @@ Status InsertCapture(Database& database, const CaptureRecord& capture, const Fra
 
 Result<CaptureRecord> SelectCapture(Database& database, const std::string& id) {
   Statement row = database.Prepare(std::string(kSelect) + "WHERE c.id = ?");
-  const bool found = row.Bind(id).Step();
-  ROTUNDA_RETURN_IF_ERROR(row.status());
-  if (!found) return NotFound("capture", id);
-  return ReadCapture(row);
+  ROTUNDA_ASSIGN_OR_RETURN(std::optional<CaptureRecord> capture,
+                           ReadOne(row.Bind(id), ReadCapture));
+  if (!capture) return NotFound("capture", id);
+  return *std::move(capture);
+}
+
+/// Whether `file`, as InsertFrames() writes it, lies in the folder of its capture.
+bool IsInCapture(const std::string& file, const std::string& capture) {
+  if (!file.starts_with("captures/" + capture + "/") || file.find('\0') != std::string::npos) {
+    return false;
+  }
+  const fs::path path = file;
+  return std::find(path.begin(), path.end(), "..") == path.end();
+}
+
+Result<FrameRecord> ReadFrame(Statement& row, const std::string& capture) {
+  FrameRecord frame;
+  frame.camera = row.Text();
+  frame.serial = row.Text();
+  frame.file = row.Text();
+  frame.status = row.Text();
+  frame.xxh3 = row.Text();
+  frame.width_px = row.Count();
+  frame.height_px = row.Count();
+  if (frame.file.empty() || IsInCapture(frame.file, capture)) return frame;
+  return Error{ErrorCode::kBadInput,
+               "database: the picture of camera \"" + frame.camera + "\" in capture \"" + capture +
+                   "\" is \"" + frame.file + "\", expected a file below captures/" + capture,
+               ""};
 }
 
 /// The job, unless there is one for the same already: from the run that was interrupted.
@@ -204,14 +230,7 @@ Result<std::vector<FrameRecord>> ListFrames(Store& store, const std::string& cap
         "WHERE capture = ? ORDER BY camera");
     row.Bind(capture);
     while (row.Step()) {
-      FrameRecord& frame = frames.emplace_back();
-      frame.camera = row.Text();
-      frame.serial = row.Text();
-      frame.file = row.Text();
-      frame.status = row.Text();
-      frame.xxh3 = row.Text();
-      frame.width_px = row.Count();
-      frame.height_px = row.Count();
+      ROTUNDA_ASSIGN_OR_RETURN(frames.emplace_back(), ReadFrame(row, capture));
     }
     return row.status();
   }));

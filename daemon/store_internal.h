@@ -32,6 +32,15 @@ inline Error NotFound(const std::string& what, const std::string& id) {
 
 Status CheckPage(const Page& page);
 
+/// The one row of a query; nullopt: there is none.
+template <typename ReadRow>
+auto ReadOne(Statement& row, ReadRow read_row) -> Result<std::optional<decltype(read_row(row))>> {
+  std::optional<decltype(read_row(row))> record;
+  if (row.Step()) record = read_row(row);
+  ROTUNDA_RETURN_IF_ERROR(row.status());
+  return record;
+}
+
 /// Reads the rows of a query that asked for one more than `limit`; `id_of` names an item for the
 /// next page.
 template <typename T, typename ReadRow, typename IdOf>

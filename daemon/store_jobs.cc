@@ -22,7 +22,7 @@ JobRecord ReadRow(Statement& row) {
   job.total = row.Count();
   job.idempotency_key = row.Text();
   job.body = row.Text();
-  job.product = row.Text();
+  job.product = row.OptionalId().value_or("");
   job.result = row.Text();
   job.error = row.Text();
   job.created_at = row.Text();
@@ -34,10 +34,9 @@ JobRecord ReadRow(Statement& row) {
 
 Result<JobRecord> Select(Database& database, int64_t number) {
   Statement row = database.Prepare(std::string(kSelect) + "WHERE number = ?");
-  const bool found = row.Bind(number).Step();
-  ROTUNDA_RETURN_IF_ERROR(row.status());
-  if (!found) return NotFound("job", std::to_string(number));
-  return ReadRow(row);
+  ROTUNDA_ASSIGN_OR_RETURN(std::optional<JobRecord> job, ReadOne(row.Bind(number), ReadRow));
+  if (!job) return NotFound("job", std::to_string(number));
+  return *std::move(job);
 }
 
 EventRecord JobEvent(const JobRecord& job, const std::string& what) {
@@ -78,9 +77,7 @@ Status Requeue(Database& database, JobRecord& job, std::vector<EventRecord>& eve
 
 Result<std::optional<JobRecord>> SelectByKey(Database& database, const std::string& key) {
   Statement row = database.Prepare(std::string(kSelect) + "WHERE idempotency_key = ?");
-  const bool found = row.Bind(key).Step();
-  ROTUNDA_RETURN_IF_ERROR(row.status());
-  return found ? std::optional(ReadRow(row)) : std::nullopt;
+  return ReadOne(row.Bind(key), ReadRow);
 }
 
 /// What Write() has to change in one row, and the row afterwards.

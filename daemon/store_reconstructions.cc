@@ -26,8 +26,8 @@ constexpr char kSelectDrift[] =
 
 ReconstructionRecord ReadRow(Statement& row) {
   ReconstructionRecord record;
-  record.id = row.Text();
-  record.capture = row.Text();
+  record.id = row.Id();
+  record.capture = row.Id();
   record.calibration = row.OptionalText();
   record.created_at = row.Text();
   record.folder = "reconstructions/" + record.id;
@@ -63,10 +63,10 @@ DriftRecord ReadDrift(Statement& row) {
 
 Result<ReconstructionRecord> Select(Database& database, const std::string& id) {
   Statement row = database.Prepare(std::string(kSelect) + "WHERE id = ?");
-  const bool found = row.Bind(id).Step();
-  ROTUNDA_RETURN_IF_ERROR(row.status());
-  if (!found) return NotFound("reconstruction", id);
-  return ReadRow(row);
+  ROTUNDA_ASSIGN_OR_RETURN(std::optional<ReconstructionRecord> record,
+                           ReadOne(row.Bind(id), ReadRow));
+  if (!record) return NotFound("reconstruction", id);
+  return *std::move(record);
 }
 
 ReconstructionRecord Describe(const std::string& id, const PoseSet& poses) {
@@ -291,6 +291,29 @@ Result<std::vector<ReconstructionRecord>> ListReconstructions(Store& store,
     return row.status();
   }));
   return records;
+}
+
+Result<Listing<ReconstructionRecord>> ListReconstructions(Store& store, const std::string& capture,
+                                                          const Page& page) {
+  ROTUNDA_RETURN_IF_ERROR(CheckPage(page));
+  Result<Listing<ReconstructionRecord>> listing = Listing<ReconstructionRecord>();
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
+    std::string where = "WHERE capture = ? ";
+    std::optional<ReconstructionRecord> after;
+    if (!page.after.empty()) {
+      ROTUNDA_ASSIGN_OR_RETURN(after, Select(database, page.after));
+      where += "AND (created_at, id) < (?, ?) ";
+    }
+    Statement rows =
+        database.Prepare(kSelect + where + "ORDER BY created_at DESC, id DESC LIMIT ?");
+    rows.Bind(capture);
+    if (after) rows.Bind(after->created_at).Bind(after->id);
+    rows.Bind(uint64_t{page.limit + 1});
+    listing = ReadListing<ReconstructionRecord>(
+        rows, page.limit, ReadRow, [](const ReconstructionRecord& record) { return record.id; });
+    return Status();
+  }));
+  return listing;
 }
 
 Result<std::vector<CameraDrift>> DriftNow(Store& store) {

@@ -16,7 +16,9 @@ Result<std::string> FreeReconstructionId(Store& store, const std::string& captur
 Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::string& id);
 
 Result<ReconstructionRecord> FindReconstruction(Store& store, const std::string& id);
-/// Of one capture, newest first.
+/// Of one capture, newest first: a page, or all of them.
+Result<Listing<ReconstructionRecord>> ListReconstructions(Store& store, const std::string& capture,
+                                                          const Page& page);
 Result<std::vector<ReconstructionRecord>> ListReconstructions(Store& store,
                                                               const std::string& capture);
 

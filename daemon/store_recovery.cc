@@ -101,7 +101,7 @@ Result<std::vector<KnownRow>> KnownRows(Store& store, const FolderTable& table) 
     Statement row = database.Prepare("SELECT id, files_gone FROM " + std::string(table.table));
     while (row.Step()) {
       KnownRow& known = rows.emplace_back();
-      known.id = row.Text();
+      known.id = row.Id();
       known.files_gone = row.Bool();
     }
     return row.status();
@@ -212,6 +212,15 @@ Status RecoverTable(Store& store, const FolderTable& table, RecoveryReport& repo
   return {};
 }
 
+/// What jobs have reserved are names of folders, too.
+Status CheckProducts(Store& store) {
+  return store.Read([](Database& database) {
+    Statement row = database.Prepare("SELECT product FROM jobs");
+    while (row.Step()) static_cast<void>(row.OptionalId());
+    return row.status();
+  });
+}
+
 Status InterruptJobs(Store& store, RecoveryReport& report) {
   while (true) {
     ROTUNDA_ASSIGN_OR_RETURN(const Listing<JobRecord> running,
@@ -230,6 +239,7 @@ Status InterruptJobs(Store& store, RecoveryReport& report) {
 
 Result<RecoveryReport> Recover(Store& store) {
   RecoveryReport report;
+  ROTUNDA_RETURN_IF_ERROR(CheckProducts(store));
   for (const FolderTable& table : Tables()) {
     ROTUNDA_RETURN_IF_ERROR(RecoverTable(store, table, report));
   }

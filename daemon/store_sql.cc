@@ -4,6 +4,8 @@
 
 #include <utility>
 
+#include "daemon/store.h"
+
 namespace rotunda::daemon {
 namespace {
 
@@ -13,6 +15,8 @@ constexpr int kBusyPatience_ms = 5000;
 // Enough for all of a database of some thousand captures: SQLite's own 2 MB make every count over
 // the drift's history, and the check at start, read the file again.
 constexpr int kCache_kb = 64 * 1024;
+// Of a name that is none, in the message.
+constexpr size_t kShownBytes = 100;
 
 }  // namespace
 
@@ -93,6 +97,23 @@ std::optional<std::string> Statement::OptionalText() {
   const bool is_null = NextIsNull();
   std::string text = Text();
   return is_null ? std::nullopt : std::optional(std::move(text));
+}
+
+std::string Statement::Id() {
+  std::string id = Text();
+  if (error_ || IsStoreId(id)) return error_ ? "" : id;
+  error_ = Error{ErrorCode::kBadInput,
+                 "database: has \"" + id.substr(0, kShownBytes) +
+                     "\" where the name of a capture, calibration or reconstruction belongs",
+                 database_->name()};
+  return "";
+}
+
+std::optional<std::string> Statement::OptionalId() {
+  const int column = column_;
+  if (Text().empty()) return std::nullopt;
+  column_ = column;
+  return Id();
 }
 
 std::optional<double> Statement::OptionalReal() {

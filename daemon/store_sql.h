@@ -53,6 +53,11 @@ class Statement {
   bool Bool() { return Int() != 0; }
   double Real();
   std::optional<std::string> OptionalText();
+  /// The name of a folder of ours. Another text (IsStoreId) is an error: who has changed the file
+  /// must not lead the daemon out of its state folder.
+  std::string Id();
+  /// The same; NULL and no text read as unset.
+  std::optional<std::string> OptionalId();
   std::optional<double> OptionalReal();
 
  private:

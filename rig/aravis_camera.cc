@@ -52,6 +52,7 @@ class AravisCamera final : public Camera {
   Result<AppliedSettings> Apply(const CameraSettings& settings) override;
   Status Arm(TriggerBy by, FrameBlock memory) override;
   Status Refill(FrameBlock memory) override;
+  Status StartOver(FrameBlock memory) override;
   Result<bool> WaitArmed(Clock::time_point deadline) override;
   Status SoftwareTrigger() override;
   std::optional<CameraFrame> Fetch(Clock::time_point deadline) override;
@@ -189,6 +190,12 @@ Status AravisCamera::Refill(FrameBlock memory) {
   return {};
 }
 
+Status AravisCamera::StartOver(FrameBlock memory) {
+  ROTUNDA_RETURN_IF_ERROR(CheckMemory(memory));
+  stream_->Begin(std::move(memory));
+  return {};
+}
+
 Status AravisCamera::Arm(TriggerBy by, FrameBlock memory) {
   ROTUNDA_RETURN_IF_ERROR(CheckMemory(memory));
   ROTUNDA_RETURN_IF_ERROR(Disarm());
@@ -293,10 +300,16 @@ Result<std::unique_ptr<Camera>> OpenAravisCamera(const CameraPlace& place) {
   }
   GErrorSlot error;
   GObjectPtr<ArvCamera> camera(arv_camera_new(place.address.c_str(), error.out()));
-  if (!camera) return error.ToError("cannot open " + place.address);
-  if (!arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera.get())))) {
+  const bool is_taken =
+      camera ? !arv_gv_device_is_controller(ARV_GV_DEVICE(arv_camera_get_device(camera.get())))
+             : RefusesToBeRead(place.address, kProbePatience);
+  if (is_taken) {
     return Error{ErrorCode::kAlreadyExists,
                  "another program controls it (close that, or wait for its heartbeat to run out)",
+                 place.address};
+  }
+  if (!camera) {
+    return Error{ErrorCode::kFailed, "it answers, but cannot be opened: " + error.message(),
                  place.address};
   }
   auto opened = std::make_unique<AravisCamera>(std::move(camera), std::move(identity));

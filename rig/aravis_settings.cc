@@ -67,6 +67,29 @@ Status WriteText(ArvCamera* camera, const char* feature, const std::string& valu
   return found == value ? Status() : Status(ReadBackError(feature, value, found));
 }
 
+/// "1 to 1200" or "16 to 1200 in steps of 4".
+std::string RangeText(int least, int most, int step) {
+  return std::to_string(least) + " to " + std::to_string(most) +
+         (step > 1 ? " in steps of " + std::to_string(step) : "");
+}
+
+/// A size that the camera does not take, with those it does.
+Error SizeRefused(ArvCamera* camera, const std::string& wanted, const std::string& why) {
+  int least_width = 0, most_width = 0, least_height = 0, most_height = 0;
+  arv_camera_get_width_bounds(camera, &least_width, &most_width, nullptr);
+  arv_camera_get_height_bounds(camera, &least_height, &most_height, nullptr);
+  std::string allowed;
+  if (most_width > 0 && most_height > 0) {
+    allowed =
+        "; allowed are width_px " +
+        RangeText(least_width, most_width, arv_camera_get_width_increment(camera, nullptr)) +
+        " and height_px " +
+        RangeText(least_height, most_height, arv_camera_get_height_increment(camera, nullptr)) +
+        ", or 0 for all of the sensor";
+  }
+  return {ErrorCode::kFailed, why + allowed, "picture size " + wanted};
+}
+
 Status ApplyPicture(ArvCamera* camera, const CameraSettings& settings) {
   GErrorSlot error;
   int width = settings.width_px, height = settings.height_px;
@@ -79,12 +102,13 @@ Status ApplyPicture(ArvCamera* camera, const CameraSettings& settings) {
   }
   arv_camera_set_region(camera, 0, 0, width, height, error.out());
   const std::string wanted = SizeText(width, height);
-  ROTUNDA_RETURN_IF_ERROR(error.status("picture size " + wanted));
+  if (error) return SizeRefused(camera, wanted, error.message());
   int x = 0, y = 0, found_width = 0, found_height = 0;
   arv_camera_get_region(camera, &x, &y, &found_width, &found_height, error.out());
   ROTUNDA_RETURN_IF_ERROR(error.status("picture size"));
   if (found_width != width || found_height != height) {
-    return ReadBackError("picture size", wanted, SizeText(found_width, found_height));
+    return SizeRefused(camera, wanted,
+                       "the camera has " + SizeText(found_width, found_height) + " instead");
   }
   return WriteText(camera, "PixelFormat", settings.pixel_format);
 }

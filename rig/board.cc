@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <opencv2/aruco.hpp>
+#include <optional>
 #include <set>
 #include <span>
 #include <sstream>
@@ -58,25 +59,20 @@ bool Finite(const Rigid3& transform) {
 }
 
 /// Lengths in messages are those of the file: millimetres.
-Status ValidateLengths(const BoardFace& face, const std::string& key) {
+void CheckLengths(const BoardFace& face, const std::string& key, std::vector<Error>& problems) {
   if (!(face.square_m >= 1e-4 && face.square_m <= 10)) {
-    return Refused(key + ".square_mm", 1e3 * face.square_m, "0.1 to 10000");
-  }
-  if (!(face.marker_m >= 0.3 * face.square_m && face.marker_m <= 0.95 * face.square_m)) {
-    return Refused(key + ".marker_mm", 1e3 * face.marker_m, "0.3 to 0.95 of square_mm");
+    problems.push_back(Refused(key + ".square_mm", 1e3 * face.square_m, "0.1 to 10000"));
+  } else if (!(face.marker_m >= 0.3 * face.square_m && face.marker_m <= 0.95 * face.square_m)) {
+    problems.push_back(
+        Refused(key + ".marker_mm", 1e3 * face.marker_m, "0.3 to 0.95 of square_mm"));
   }
   if (!(face.margin_m >= 0 && face.margin_m <= 10)) {
-    return Refused(key + ".margin_mm", 1e3 * face.margin_m, "0 to 10000");
+    problems.push_back(Refused(key + ".margin_mm", 1e3 * face.margin_m, "0 to 10000"));
   }
-  return {};
 }
 
-Status ValidateFace(const BoardFace& face, const std::string& key) {
-  const std::string count = "2 to " + std::to_string(kMostSquares);
-  const auto is_count = [](int squares) { return squares >= 2 && squares <= kMostSquares; };
-  if (!is_count(face.columns)) return Refused(key + ".columns", face.columns, count);
-  if (!is_count(face.rows)) return Refused(key + ".rows", face.rows, count);
-  ROTUNDA_RETURN_IF_ERROR(ValidateLengths(face, key));
+/// `face` has numbers of squares that are allowed.
+Status CheckMarkers(const BoardFace& face, const std::string& key) {
   const Result<MarkerDictionary> dictionary = MarkerDictionary::Named(face.dictionary);
   if (!dictionary) {
     return Error{ErrorCode::kInvalidArgument, dictionary.error().message, key + ".dictionary"};
@@ -92,16 +88,11 @@ Status ValidateFace(const BoardFace& face, const std::string& key) {
                    "0 to " + std::to_string(last) + ", so that the face's " +
                        std::to_string(face.MarkerCount()) + " ids are in " + face.dictionary);
   }
-  if (!Finite(face.board_from_face)) {
-    return Error{ErrorCode::kInvalidArgument, "is not a rotation and a place in finite numbers",
-                 key + ".origin_mm"};
-  }
   return {};
 }
 
 /// Each id is on one face: not on `others` too.
-Status ValidateIds(std::span<const BoardFace> others, const BoardFace& face,
-                   const std::string& key) {
+Status CheckIds(std::span<const BoardFace> others, const BoardFace& face, const std::string& key) {
   for (const BoardFace& other : others) {
     const int other_end = other.first_id + other.MarkerCount();
     if (IdSpaceOf(other.dictionary) == IdSpaceOf(face.dictionary) && face.first_id < other_end &&
@@ -114,18 +105,72 @@ Status ValidateIds(std::span<const BoardFace> others, const BoardFace& face,
   return {};
 }
 
-Status ValidateSigmas(const Board& board) {
-  if (!(board.face_position_sigma_m >= 0)) {
-    return Refused("board.face_position_sigma_mm", 1e3 * board.face_position_sigma_m, "0 or more");
+/// The face and its ids, which none of `others` (those before it that are right) may have.
+void CheckFace(std::span<const BoardFace> others, const BoardFace& face, const std::string& key,
+               std::vector<Error>& problems) {
+  const std::string count = "2 to " + std::to_string(kMostSquares);
+  const auto is_count = [](int squares) { return squares >= 2 && squares <= kMostSquares; };
+  if (!is_count(face.columns)) {
+    problems.push_back(Refused(key + ".columns", face.columns, count));
   }
-  if (!(board.face_rotation_sigma_rad >= 0)) {
-    return Refused("board.face_rotation_sigma_deg", DegFromRad(board.face_rotation_sigma_rad),
-                   "0 or more");
+  if (!is_count(face.rows)) problems.push_back(Refused(key + ".rows", face.rows, count));
+  CheckLengths(face, key, problems);
+  if (is_count(face.columns) && is_count(face.rows)) {
+    Status markers = CheckMarkers(face, key);
+    if (markers) markers = CheckIds(others, face, key);
+    if (!markers) problems.push_back(markers.error());
   }
-  if (!(board.bow_sigma_m >= 0)) {
-    return Refused("board.bow_sigma_mm", 1e3 * board.bow_sigma_m, "0 or more");
+  if (!Finite(face.board_from_face)) {
+    problems.push_back({ErrorCode::kInvalidArgument,
+                        "is not a rotation and a place in finite numbers", key + ".origin_mm"});
   }
-  return {};
+}
+
+void CheckSigmas(const Board& board, std::vector<Error>& problems) {
+  const auto check = [&problems](const char* key, double value) {
+    if (!(value >= 0)) problems.push_back(Refused(key, value, "0 or more"));
+  };
+  check("board.face_position_sigma_mm", 1e3 * board.face_position_sigma_m);
+  check("board.face_rotation_sigma_deg", DegFromRad(board.face_rotation_sigma_rad));
+  check("board.bow_sigma_mm", 1e3 * board.bow_sigma_m);
+}
+
+void CheckRigFrame(const RigFrameSetting& frame, std::vector<Error>& problems) {
+  if (!frame.board_origin_m.allFinite()) {
+    problems.push_back(Refused("rig_frame.board_origin_mm", 1e3 * frame.board_origin_m.transpose(),
+                               "three finite numbers"));
+  }
+  if (!std::isfinite(frame.front_rad)) {
+    problems.push_back(
+        Refused("rig_frame.front_deg", DegFromRad(frame.front_rad), "a finite number"));
+  }
+}
+
+/// What two prints differ in first; numbers as messages have them.
+struct PrintChange {
+  const char* key;
+  std::string before, now;
+};
+
+std::optional<PrintChange> FirstChange(const FacePrint& before, const FacePrint& now) {
+  constexpr double kSame_mm = 1e-6;  // what a file's decimals and metres make of a length
+  std::optional<PrintChange> first;
+  const auto compare = [&](const char* key, const auto& a, const auto& b, bool same) {
+    std::ostringstream was, is;
+    was << std::boolalpha << a;
+    is << std::boolalpha << b;
+    if (!first && !same) first = PrintChange{key, was.str(), is.str()};
+  };
+  const auto same_mm = [](double a, double b) { return std::abs(a - b) <= kSame_mm; };
+  compare("columns", before.columns, now.columns, before.columns == now.columns);
+  compare("rows", before.rows, now.rows, before.rows == now.rows);
+  compare("square_mm", before.square_mm, now.square_mm, same_mm(before.square_mm, now.square_mm));
+  compare("marker_mm", before.marker_mm, now.marker_mm, same_mm(before.marker_mm, now.marker_mm));
+  compare("dictionary", before.dictionary, now.dictionary, before.dictionary == now.dictionary);
+  compare("first_id", before.first_id, now.first_id, before.first_id == now.first_id);
+  compare("legacy_pattern", before.legacy_pattern, now.legacy_pattern,
+          before.legacy_pattern == now.legacy_pattern || now.rows % 2 != 0);
+  return first;
 }
 
 /// Right, down and into the board as the columns of a rotation.
@@ -169,26 +214,38 @@ Eigen::Vector3d BoardFace::CornerInFace(int corner) const {
   return {(corner % across + 1) * square_m, (corner / across + 1) * square_m, 0};
 }
 
-Status Board::Validate() const {
+std::vector<Error> Board::Problems() const {
+  std::vector<Error> problems;
   if (faces.empty()) {
-    return Error{ErrorCode::kInvalidArgument, "the board has no face, expected at least one",
-                 "face"};
+    problems.push_back(
+        {ErrorCode::kInvalidArgument, "the board has no face, expected at least one", "face"});
   }
   if (faces.size() > kMostFaces) {
-    return Refused("face", faces.size(), "at most " + std::to_string(kMostFaces) + " faces");
+    return {Refused("face", faces.size(), "at most " + std::to_string(kMostFaces) + " faces")};
   }
   std::set<std::string> names;
+  std::vector<BoardFace> right;
   for (size_t i = 0; i < faces.size(); ++i) {
     const BoardFace& face = faces[i];
     const std::string key = "face[" + std::to_string(i) + "]";
-    if (face.name.empty()) return Refused(key + ".name", "empty", "a word of at least one letter");
-    if (!names.insert(face.name).second) {
-      return Refused(key + ".name", "'" + face.name + "'", "what no other face is called");
+    const size_t before = problems.size();
+    if (face.name.empty()) {
+      problems.push_back(Refused(key + ".name", "empty", "a word of at least one letter"));
+    } else if (!names.insert(face.name).second) {
+      problems.push_back(
+          Refused(key + ".name", "'" + face.name + "'", "what no other face is called"));
     }
-    ROTUNDA_RETURN_IF_ERROR(ValidateFace(face, key));
-    ROTUNDA_RETURN_IF_ERROR(ValidateIds({faces.data(), i}, face, key));
+    CheckFace(right, face, key, problems);
+    if (problems.size() == before) right.push_back(face);
   }
-  return ValidateSigmas(*this);
+  CheckSigmas(*this, problems);
+  CheckRigFrame(rig_frame, problems);
+  return problems;
+}
+
+Status Board::Validate() const {
+  const std::vector<Error> problems = Problems();
+  return problems.empty() ? Status() : Status(problems.front());
 }
 
 Eigen::Vector2d BowShape(const BoardFace& face, double x_m, double y_m) {
@@ -208,6 +265,48 @@ std::vector<CalibratedFace> DrawnFaces(const Board& board) {
     faces.push_back({face.name, face.board_from_face, Eigen::Vector2d::Zero(), {}});
   }
   return faces;
+}
+
+FacePrint PrintOf(const BoardFace& face) {
+  return {face.columns,    face.rows,     1e3 * face.square_m, 1e3 * face.marker_m,
+          face.dictionary, face.first_id, face.legacy_pattern};
+}
+
+Status CheckSameTarget(const Board& board, const Calibration& calibration,
+                       const std::string& name) {
+  for (const CalibratedFace& earlier : calibration.board) {
+    const auto face =
+        std::find_if(board.faces.begin(), board.faces.end(),
+                     [&](const BoardFace& each) { return each.name == earlier.face; });
+    if (face == board.faces.end()) {
+      return Error{ErrorCode::kBadInput,
+                   "is not there, but " + name +
+                       " was made with a target that has it: give that target's board file, or "
+                       "leave that calibration out",
+                   "face '" + earlier.face + "'"};
+    }
+    const std::optional<PrintChange> change =
+        earlier.print ? FirstChange(*earlier.print, PrintOf(*face)) : std::nullopt;
+    if (!change) continue;
+    return Error{ErrorCode::kBadInput,
+                 "is " + change->now + ", but " + name + " was made with " + change->before +
+                     ": give that target's board file, or leave that calibration out",
+                 std::string(change->key) + " of face '" + face->name + "'"};
+  }
+  return {};
+}
+
+std::string TargetChange(const Calibration& before, const Calibration& after) {
+  for (const CalibratedFace& face : before.board) {
+    for (const CalibratedFace& other : after.board) {
+      if (face.face != other.face || !face.print || !other.print) continue;
+      const std::optional<PrintChange> change = FirstChange(*face.print, *other.print);
+      if (!change) continue;
+      return std::string(change->key) + " of face '" + face.face + "': " + change->before +
+             " before, " + change->now + " after";
+    }
+  }
+  return "";
 }
 
 Board CuboidBoard(const CuboidDrawing& drawing) {

@@ -66,7 +66,10 @@ struct Board {
   RigFrameSetting rig_frame;
   double bow_sigma_m = 0.5e-3;  // of both parts of CalibratedFace::bow_m; 0: the boards are flat
 
-  /// kInvalidArgument; the context is the key of the board file: "face[1].rows" (counted from 0).
+  /// All that is wrong, kInvalidArgument each; the context is the key of the board file:
+  /// "face[1].rows" (counted from 0).
+  std::vector<Error> Problems() const;
+  /// The first of them.
   Status Validate() const;
 };
 
@@ -85,6 +88,18 @@ Eigen::Vector3d PointOnBoard(const BoardFace& face, const CalibratedFace& real,
 
 /// The faces exactly as drawn, flat.
 std::vector<CalibratedFace> DrawnFaces(const Board& board);
+
+FacePrint PrintOf(const BoardFace& face);
+
+/// kBadInput unless `board` is the target that a calibration, `name` in messages, was made with:
+/// the error's context is the key and face that differ. Where its faces stand may differ, since
+/// that is found. Of a calibration that does not say what was printed, the faces' names are
+/// compared.
+Status CheckSameTarget(const Board& board, const Calibration& calibration, const std::string& name);
+
+/// What the prints of two calibrations' targets differ in first, for the operator ("rows of face
+/// 'front': 25 before, 23 after"); empty when they are the same or do not say.
+std::string TargetChange(const Calibration& before, const Calibration& after);
 
 /// Four tall sides and perhaps a top: the shipped target. Ids run on from face to face in the order
 /// front, left, back, right, top, from 0. Board frame: origin in the middle of the

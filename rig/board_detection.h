@@ -58,6 +58,9 @@ struct BoardDetection {
   /// Why the whole picture was refused ("blurred: ...", "mirrored: ..."); empty when usable. It
   /// then has no corners, nor rejected ones.
   std::string unusable;
+  /// Why hardly a marker could be read in a usable picture, and what to do ("small: its markers are
+  /// 9 px wide, ..."); empty when enough were, or nobody knows.
+  std::string few_markers;
 };
 
 struct BoardDetectionOptions {

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "rig/mosaic_detection.h"
+#include "rig/png_check.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
 
@@ -39,6 +40,7 @@ Result<GreyPicture> ReadGrey(const ShotPicture& picture) {
     return Error{ErrorCode::kBadInput, why, picture.file.string()};
   };
   if (bytes.empty()) return damaged("the file is empty, expected a picture");
+  if (const std::string problem = PngProblem(bytes); !problem.empty()) return damaged(problem);
   GreyPicture read;
   try {
     const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data()));

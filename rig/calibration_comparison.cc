@@ -7,6 +7,7 @@
 #include <limits>
 #include <utility>
 
+#include "rig/board.h"
 #include "rig/rig_model.h"
 #include "sfm/core/statistics.h"
 
@@ -29,19 +30,7 @@ double ChiSquareTail(int freedom, double x) {
   return tail;
 }
 
-/// The value that a chi-square variable exceeds with this probability.
-double ChiSquareLimit(int freedom, double probability) {
-  double low = 0, high = 1000;
-  for (int i = 0; i < 100; ++i) {
-    const double x = 0.5 * (low + high);
-    (ChiSquareTail(freedom, x) > probability ? low : high) = x;
-  }
-  return low;
-}
-
 constexpr int kPoseFreedom = 6;
-/// Warmth and lens models that are not quite right scatter the cameras of one rig by a few sigmas.
-constexpr double kOtherRig = 6.0;
 
 /// A camera of both calibrations; covariances of turn (camera axes) and centre (own rig's axes).
 struct Pair {
@@ -264,7 +253,57 @@ void FindSwaps(const std::vector<Pair>& pairs, const Rigid3& alignment,
   }
 }
 
+/// See CalibrationComparison::growth.
+double GrowthOf(const std::vector<Pair>& pairs) {
+  constexpr double kOverScatter = 3;
+  std::vector<double> ratios;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    for (size_t j = 0; j < i; ++j) {
+      const auto apart_m = [&](const CalibratedCamera* Pair::*side) {
+        return ((pairs[i].*side)->cam_from_rig.OriginInSource() -
+                (pairs[j].*side)->cam_from_rig.OriginInSource())
+            .norm();
+      };
+      const double before_m = apart_m(&Pair::before);
+      if (before_m > 0) ratios.push_back(apart_m(&Pair::after) / before_m);
+    }
+  }
+  if (ratios.empty()) return 0;
+  const double ratio = Median(ratios);
+  for (double& each : ratios) each = std::abs(each - ratio);
+  const double scatter = kSigmaFromMedian * Median(std::move(ratios));
+  return std::abs(ratio - 1) > kOverScatter * scatter ? ratio - 1 : 0;
+}
+
+/// That the two are not of one rig, and the likeliest reason.
+std::string OtherRigText(const CalibrationComparison& comparison) {
+  char text[200];
+  std::snprintf(text, sizeof(text),
+                "the cameras scatter %.1f times what the sigmas of both calibrations say: ",
+                comparison.inflation);
+  std::string told = text;
+  if (!comparison.target_change.empty()) {
+    return told + "they were made with two board files (" + comparison.target_change +
+           "), and one of these is wrong";
+  }
+  if (comparison.growth == 0) return told + "they are not of the same rig, or one of them is wrong";
+  std::snprintf(text, sizeof(text),
+                "all of them stand %.2f %% %s apart than before, so square_mm of one of the "
+                "board files is wrong",
+                100 * std::abs(comparison.growth), comparison.growth > 0 ? "farther" : "less far");
+  return told + text;
+}
+
 }  // namespace
+
+double ChiSquareLimit(int freedom, double probability) {
+  double low = 0, high = 1000;
+  for (int i = 0; i < 100; ++i) {
+    const double x = 0.5 * (low + high);
+    (ChiSquareTail(freedom, x) > probability ? low : high) = x;
+  }
+  return low;
+}
 
 Result<Rigid3> AlignRigs(const Calibration& before, const Calibration& after,
                          const CalibrationComparisonOptions& options) {
@@ -299,6 +338,8 @@ Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
   }
   FindSwaps(pairs, comparison.before_from_after, comparison.cameras);
   JudgeLenses(pairs, options.false_alarm, comparison);
+  comparison.growth = GrowthOf(pairs);
+  comparison.target_change = TargetChange(before, after);
   for (const CalibratedCamera& camera : before.cameras) {
     if (after.Find(camera.camera) == nullptr) comparison.only_before.push_back(camera.camera);
   }
@@ -324,13 +365,7 @@ std::string VerdictOn(const CameraChange& change) {
 std::vector<std::string> ChangesIn(const CalibrationComparison& comparison) {
   std::vector<std::string> changes;
   char text[200];
-  if (comparison.inflation > kOtherRig) {
-    std::snprintf(text, sizeof(text),
-                  "the cameras scatter %.1f times what the sigmas of both calibrations say: they "
-                  "are not of the same rig, or one of them is wrong",
-                  comparison.inflation);
-    changes.push_back(text);
-  }
+  if (!comparison.SameRig()) changes.push_back(OtherRigText(comparison));
   for (const CameraChange& change : comparison.cameras) {
     if (change.moved) {
       std::snprintf(text, sizeof(text), " moved by %.2f mm, %.3f deg (%.1f sigma)",

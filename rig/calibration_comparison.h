@@ -38,6 +38,13 @@ struct CameraChange {
   std::optional<PoseSigma> sigma_before, sigma_after;  // what the calibrations say
 };
 
+/// Warmth and lens models that are not quite right scatter the cameras of one rig by a few times
+/// their sigmas; what scatters more is another rig, or a calibration that is wrong.
+inline constexpr double kOtherRig = 6.0;
+
+/// The value that a chi-square variable exceeds with this probability.
+double ChiSquareLimit(int freedom, double probability);
+
 struct CalibrationComparison {
   Rigid3 before_from_after;           // rig frames
   std::vector<CameraChange> cameras;  // in both, by name
@@ -46,6 +53,12 @@ struct CalibrationComparison {
   double inflation = 1;
   double lens_inflation = 1;  // the same of lenses
   double sigmas_limit = 0;    // of CameraChange::sigmas, before it counts as moved
+  /// All distances between cameras grew by this share alike, by much more than they scatter; 0 when
+  /// they did not.
+  double growth = 0;
+  std::string target_change;  // TargetChange of the two
+
+  bool SameRig() const { return inflation <= kOtherRig; }
 };
 
 /// The rigid motion between two calibrations' rig frames that most cameras agree on. kBadInput with
@@ -65,7 +78,8 @@ Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
 /// "moved, lens changed"; empty when the camera is as it was.
 std::string VerdictOn(const CameraChange& change);
 
-/// What an operator is to know, a sentence each: cameras that moved, were swapped or exchanged,
+/// What an operator is to know, a sentence each: that the two are not of one rig, cameras that
+/// moved, were swapped or exchanged,
 /// lenses that changed, cameras that are in one of both only. Empty when all is as it was.
 std::vector<std::string> ChangesIn(const CalibrationComparison& comparison);
 

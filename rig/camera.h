@@ -121,6 +121,9 @@ class Camera {
   /// For another trigger while the camera stays armed: memory for one more frame, beside what an
   /// earlier trigger has not filled.
   virtual Status Refill(FrameBlock memory) = 0;
+  /// What came is of a trigger before the camera was armed. Waits, with this memory alone, for the
+  /// frame of this trigger, which may have the same id.
+  virtual Status StartOver(FrameBlock memory) = 0;
   /// True once the camera says that it will answer a trigger (or cannot tell); false at `deadline`.
   virtual Result<bool> WaitArmed(Clock::time_point deadline) = 0;
   /// Fires the camera alone; it must be armed by kSoftware.

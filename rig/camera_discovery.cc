@@ -13,6 +13,7 @@
 #include <cstring>
 #include <map>
 #include <set>
+#include <span>
 #include <system_error>
 #include <utility>
 
@@ -31,6 +32,11 @@ constexpr uint8_t kRequestId = 0x5A;
 constexpr std::array<uint8_t, kHeaderSize> kDiscoveryCommand = {0x42, 0x01, 0x00, 0x02,
                                                                 0x00, 0x00, 0x00, kRequestId};
 constexpr uint8_t kBroadcastAnswerAllowed = 0x11;  // flags of the command sent to all
+// Reads the register 0, the version.
+constexpr uint8_t kReadAck = 0x81;
+constexpr std::array<uint8_t, kHeaderSize + 4> kReadCommand = {
+    0x42, 0x01, 0x00, 0x80, 0x00, 0x04, 0x00, kRequestId, 0x00, 0x00, 0x00, 0x00};
+constexpr uint16_t kAccessDenied = 0x8006;
 
 constexpr size_t kAddressRegister = 0x24;
 struct TextRegister {
@@ -83,11 +89,17 @@ sockaddr_in GvcpAddress(in_addr host) {
   return address;
 }
 
-/// One datagram off a socket that poll() found readable; false: not a discovery answer.
-bool ReceiveAnswer(int socket, Answer& answer) {
+/// One datagram off a socket that poll() found readable. How long it is; 0: it does not answer the
+/// command that `ack` belongs to.
+size_t Receive(int socket, uint8_t ack, Answer& answer) {
   const ssize_t size = ::recv(socket, answer.data(), answer.size(), MSG_DONTWAIT);
-  return size == static_cast<ssize_t>(answer.size()) && answer[3] == kDiscoveryAck &&
-         answer[7] == kRequestId;
+  const bool answers =
+      size >= static_cast<ssize_t>(kHeaderSize) && answer[3] == ack && answer[7] == kRequestId;
+  return answers ? static_cast<size_t>(size) : 0;
+}
+
+bool ReceiveIdentity(int socket, Answer& answer) {
+  return Receive(socket, kDiscoveryAck, answer) == answer.size();
 }
 
 int MillisecondsUntil(Clock::time_point deadline) {
@@ -122,9 +134,10 @@ Result<std::vector<Socket>> SendToAllNetworks() {
   return sockets;
 }
 
-}  // namespace
-
-Result<CameraIdentity> ProbeCamera(const std::string& address, std::chrono::milliseconds patience) {
+/// Sends `command` to one address and waits for an answer that `take` is content with.
+template <typename Take>
+Status Ask(const std::string& address, std::span<const uint8_t> command,
+           std::chrono::milliseconds patience, const Take& take) {
   in_addr host{};
   if (::inet_pton(AF_INET, address.c_str(), &host) != 1) {
     return Error{ErrorCode::kInvalidArgument, "is not an IPv4 address", address};
@@ -132,23 +145,36 @@ Result<CameraIdentity> ProbeCamera(const std::string& address, std::chrono::mill
   const sockaddr_in camera = GvcpAddress(host);
   const Socket socket;
   if (::connect(socket.get(), reinterpret_cast<const sockaddr*>(&camera), sizeof(camera)) != 0 ||
-      ::send(socket.get(), kDiscoveryCommand.data(), kDiscoveryCommand.size(), 0) < 0) {
+      ::send(socket.get(), command.data(), command.size(), 0) < 0) {
     return IoError("cannot be reached", address);
   }
   const auto deadline = Clock::now() + patience;
   pollfd readable{socket.get(), POLLIN, 0};
   while (::poll(&readable, 1, MillisecondsUntil(deadline)) > 0) {
-    Answer answer{};
     errno = 0;
-    if (ReceiveAnswer(socket.get(), answer)) {
-      CameraIdentity identity = IdentityOf(answer);
-      identity.address = address;
-      return identity;
-    }
+    if (take(socket.get())) return {};
     if (errno == ECONNREFUSED) break;  // the host is there, but no camera
   }
   return Error{ErrorCode::kNotFound, "no camera answers (power, cable and network of the camera?)",
                address};
+}
+
+}  // namespace
+
+Result<CameraIdentity> ProbeCamera(const std::string& address, std::chrono::milliseconds patience) {
+  Answer answer{};
+  ROTUNDA_RETURN_IF_ERROR(Ask(address, kDiscoveryCommand, patience,
+                              [&](int socket) { return ReceiveIdentity(socket, answer); }));
+  CameraIdentity identity = IdentityOf(answer);
+  identity.address = address;
+  return identity;
+}
+
+bool RefusesToBeRead(const std::string& address, std::chrono::milliseconds patience) {
+  Answer answer{};
+  const Status answered = Ask(address, kReadCommand, patience,
+                              [&](int socket) { return Receive(socket, kReadAck, answer) > 0; });
+  return answered.ok() && (answer[0] << 8 | answer[1]) == kAccessDenied;
 }
 
 Result<std::vector<CameraIdentity>> DiscoverCameras(std::chrono::milliseconds patience) {
@@ -160,7 +186,7 @@ Result<std::vector<CameraIdentity>> DiscoverCameras(std::chrono::milliseconds pa
   while (::poll(readable.data(), readable.size(), MillisecondsUntil(deadline)) > 0) {
     for (const pollfd& each : readable) {
       Answer answer{};
-      if ((each.revents & POLLIN) == 0 || !ReceiveAnswer(each.fd, answer)) continue;
+      if ((each.revents & POLLIN) == 0 || !ReceiveIdentity(each.fd, answer)) continue;
       CameraIdentity identity = IdentityOf(answer);
       found.emplace(identity.address, std::move(identity));
     }

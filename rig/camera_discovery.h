@@ -16,6 +16,10 @@ namespace rotunda::rig {
 /// an IPv4 address.
 Result<CameraIdentity> ProbeCamera(const std::string& address, std::chrono::milliseconds patience);
 
+/// Whether the one at an IPv4 address answers and does not let us read it: another program has
+/// exclusive control.
+bool RefusesToBeRead(const std::string& address, std::chrono::milliseconds patience);
+
 /// Asks by broadcast on all of this machine's networks and listens for `patience`. Sorted by
 /// address, each address once.
 Result<std::vector<CameraIdentity>> DiscoverCameras(std::chrono::milliseconds patience);

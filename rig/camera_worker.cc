@@ -39,6 +39,11 @@ constexpr char kArmedCheck[] = "the camera";
 constexpr auto kWarmUpPatience = milliseconds(2000);
 constexpr int kWarmUpTries = 2;  // some cameras swallow the first trigger after idling
 
+// Who waits for a frame looks so often whether it is still wanted.
+constexpr auto kFetchInterval = milliseconds(50);
+// To report what has come, besides the time in which a second frame is looked for.
+constexpr auto kGiveUpPatience = milliseconds(500);
+
 // Clocks: no sample better than this is looked for.
 constexpr int64_t kGoodClock_ns = 100'000;
 constexpr int kClockTries = 4;
@@ -47,14 +52,14 @@ constexpr double kClockDrift = 1e-4;
 
 }  // namespace
 
-const char* ConditionName(CameraCondition condition) {
-  switch (condition) {
+const char* ConditionName(const CameraState& state) {
+  switch (state.condition) {
     case CameraCondition::kOpening:
       return "opening";
     case CameraCondition::kReady:
       return "ready";
     case CameraCondition::kLost:
-      return "lost";
+      return VerdictName(state.lost_as);
   }
   return "";
 }
@@ -62,6 +67,11 @@ const char* ConditionName(CameraCondition condition) {
 bool PulseTask::closed() const {
   const std::lock_guard lock(mutex_);
   return closed_;
+}
+
+bool PulseTask::given_up() const {
+  const std::lock_guard lock(mutex_);
+  return given_up_;
 }
 
 void PulseTask::ReportArmed() {
@@ -88,10 +98,10 @@ std::optional<PulseTask::Clock::time_point> PulseTask::WaitForPulse() {
   return pulse_;
 }
 
-void PulseTask::WaitForArmed(size_t count, Clock::time_point deadline) {
+void PulseTask::WaitForArmed(size_t count, Clock::time_point deadline, std::stop_token stop) {
   std::unique_lock lock(mutex_);
   // Who cannot be armed reports at once.
-  report_came_.wait_until(lock, deadline, [&] { return armed_ + reported_ >= count; });
+  report_came_.wait_until(lock, stop, deadline, [&] { return armed_ + reported_ >= count; });
 }
 
 void PulseTask::PublishPulse(std::optional<Clock::time_point> pulse) {
@@ -104,9 +114,16 @@ void PulseTask::PublishPulse(std::optional<Clock::time_point> pulse) {
 }
 
 std::vector<std::optional<CameraShot>> PulseTask::TakeResults(size_t count,
-                                                              Clock::time_point deadline) {
+                                                              Clock::time_point deadline,
+                                                              std::stop_token give_up) {
+  const auto all_reported = [&] { return reported_ >= count; };
   std::unique_lock lock(mutex_);
-  report_came_.wait_until(lock, deadline, [&] { return reported_ >= count; });
+  if (!report_came_.wait_until(lock, give_up, deadline, all_reported) && give_up.stop_requested()) {
+    given_up_ = true;
+    const auto last =
+        Clock::now() + milliseconds(timing_.settle_ms) + kFetchInterval + kGiveUpPatience;
+    report_came_.wait_until(lock, std::min(last, deadline), all_reported);
+  }
   closed_ = true;
   return std::move(results_);
 }
@@ -262,7 +279,7 @@ Status CameraWorker::OpenAndWarmUp() {
                   setup_.settings.bandwidth, setup_.deadline_ms));
   ids_ = {};
   clock_ = {};
-  earlier_pulse_.reset();
+  earlier_trigger_.reset();
   UpdateState([&](CameraState& state) {
     state.identity = camera_->identity();
     state.settings = applied;
@@ -287,6 +304,10 @@ Status CameraWorker::WarmUp() {
   for (int i = 0; i < kWarmUpTries; ++i) {
     std::vector<FrameBlock> block = memory.Take(1, Clock::now());
     const Result<CameraFrame> frame = TakeByNow(std::move(block.front()));
+    // Aravis would take seconds to find out when it is told to stop.
+    if (!(frame && frame->complete) && !Answers(kProbeTries)) {
+      return Error{ErrorCode::kNotFound, kSilent, ""};
+    }
     ROTUNDA_RETURN_IF_ERROR(camera_->Disarm());
     if (frame && frame->complete) {
       ids_.Begin(frame->frame_id);
@@ -305,6 +326,7 @@ Result<CameraFrame> CameraWorker::TakeByNow(FrameBlock memory) {
     return armed.ok() ? Status() : Status(armed.error());
   }());
   ROTUNDA_RETURN_IF_ERROR(camera_->SoftwareTrigger());
+  earlier_trigger_ = Clock::now();
   std::optional<CameraFrame> frame = camera_->Fetch(Clock::now() + kWarmUpPatience);
   if (!frame) {
     return Error{ErrorCode::kFailed, "no frame came when it was triggered by software",
@@ -454,7 +476,7 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
     shot.reason = "there was no pulse";
     return shot;
   }
-  FetchPulse(task, *pulse, shot);
+  FetchPulse(task, *pulse, stay_armed, shot);
   if (shot.verdict == Verdict::kMissing && *armed > *pulse) {
     shot.verdict = Verdict::kArmedLate;
     shot.reason =
@@ -464,42 +486,54 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
   }
   CheckForSecondFrame(task, before.frames_without_memory, shot);
   shot.resent_packets = camera_->counters().resent_packets - before.resent_packets;
-  if (!shot.frame) Diagnose(shot);
+  if (!shot.frame && shot.verdict != Verdict::kInterrupted) Diagnose(shot);
   return shot;
 }
 
-/// By the camera's own clock, which needs not be known well: pulses are far apart.
-bool CameraWorker::IsOfEarlierPulse(const CameraFrame& frame, Clock::time_point pulse) const {
+/// By the camera's own clock: also a warm-up frame may come seconds late, and must not be taken for
+/// that of the pulse.
+bool CameraWorker::IsOfEarlierTrigger(const CameraFrame& frame, Clock::time_point pulse) const {
   const std::optional<ClockSample> clock = clock_.At(Clock::now());
-  if (!frame.complete || !clock || !earlier_pulse_) return false;
-  const std::chrono::nanoseconds exposed(static_cast<int64_t>(frame.timestamp_ns) +
-                                         clock->host_minus_camera_ns);
-  return exposed < (*earlier_pulse_ + (pulse - *earlier_pulse_) / 2).time_since_epoch();
+  if (!frame.complete || !clock || !earlier_trigger_) return false;
+  const std::chrono::nanoseconds at_the_latest(static_cast<int64_t>(frame.timestamp_ns) +
+                                               clock->host_minus_camera_ns + clock->uncertainty_ns);
+  return at_the_latest < (*earlier_trigger_ + (pulse - *earlier_trigger_) / 2).time_since_epoch();
 }
 
-std::optional<CameraFrame> CameraWorker::FetchOwnFrame(Clock::time_point pulse,
-                                                       Clock::time_point deadline) {
-  std::optional<CameraFrame> frame = camera_->Fetch(deadline);
-  while (frame && IsOfEarlierPulse(*frame, pulse)) {
-    ids_.Accept(frame->frame_id);
-    if (!camera_->Refill(std::move(frame->memory))) return std::nullopt;
-    frame = camera_->Fetch(deadline);
+std::optional<CameraFrame> CameraWorker::FetchUnlessGivenUp(const PulseTask& task,
+                                                            Clock::time_point deadline) const {
+  while (true) {
+    const auto next_look = std::min(deadline, Clock::now() + kFetchInterval);
+    std::optional<CameraFrame> frame = camera_->Fetch(next_look);
+    if (frame || next_look == deadline || task.given_up()) return frame;
   }
-  earlier_pulse_ = pulse;
+}
+
+std::optional<CameraFrame> CameraWorker::FetchOwnFrame(const PulseTask& task,
+                                                       Clock::time_point pulse, bool stay_armed) {
+  const auto deadline = pulse + milliseconds(task.timing().deadline_ms + task.timing().late_ms);
+  std::optional<CameraFrame> frame = FetchUnlessGivenUp(task, deadline);
+  while (frame && IsOfEarlierTrigger(*frame, pulse)) {
+    ids_.Accept(frame->frame_id);
+    const Status waits = stay_armed ? camera_->Refill(std::move(frame->memory))
+                                    : camera_->StartOver(std::move(frame->memory));
+    if (!waits) return std::nullopt;
+    frame = FetchUnlessGivenUp(task, deadline);
+  }
+  earlier_trigger_ = pulse;
   return frame;
 }
 
-void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, CameraShot& shot) {
+void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, bool stay_armed,
+                              CameraShot& shot) {
   const ShotTiming& timing = task.timing();
-  const auto deadline = pulse + milliseconds(timing.deadline_ms);
-  std::optional<CameraFrame> frame = FetchOwnFrame(pulse, deadline + milliseconds(timing.late_ms));
+  std::optional<CameraFrame> frame = FetchOwnFrame(task, pulse, stay_armed);
   const auto now = Clock::now();
-  shot.arrival_ms = std::chrono::duration<double, std::milli>(now - pulse).count();
-  const bool late = now > deadline;
   if (!frame) {
     ids_.Miss();
-    shot.verdict = Verdict::kMissing;
-    shot.reason = "armed and answering, but no frame came: trigger cable?";
+    const bool given_up = task.given_up();
+    shot.verdict = given_up ? Verdict::kInterrupted : Verdict::kMissing;
+    shot.reason = given_up ? kGivenUp : "armed and answering, but no frame came: trigger cable?";
     return;
   }
   if (!frame->complete) {
@@ -509,11 +543,12 @@ void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, Ca
     return;
   }
   shot.frame = std::move(frame);
+  shot.arrival_ms = std::chrono::duration<double, std::milli>(now - pulse).count();
   shot.verdict = Verdict::kOk;
   CheckFrame(shot);
-  if (late && shot.verdict == Verdict::kOk) {
+  if (*shot.arrival_ms > timing.deadline_ms && shot.verdict == Verdict::kOk) {
     shot.verdict = Verdict::kLate;
-    shot.reason = "came " + std::to_string(static_cast<int>(shot.arrival_ms)) +
+    shot.reason = "came " + std::to_string(static_cast<int>(*shot.arrival_ms)) +
                   " ms after the pulse, allowed are " + std::to_string(timing.deadline_ms);
   }
 }

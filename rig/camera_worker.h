@@ -8,6 +8,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <thread>
 
@@ -19,9 +20,10 @@ namespace rotunda::rig {
 
 /// Why a camera that no longer answers is not used.
 inline constexpr char kSilent[] = "it does not answer (power, cable and network of the camera?)";
+/// Why a camera whose frame was no longer waited for has none.
+inline constexpr char kGivenUp[] = "capture was interrupted before its frame came";
 
 enum class CameraCondition { kOpening, kReady, kLost };
-const char* ConditionName(CameraCondition condition);
 
 /// A camera as it was last seen.
 struct CameraState {
@@ -38,6 +40,8 @@ struct CameraState {
   std::optional<Camera::Clock::time_point> last_frame_at;
   std::string last_verdict;  // of the last shot
 };
+/// "opening", "ready", else what it is instead: "disconnected", "wrong camera", "control lost", ...
+const char* ConditionName(const CameraState& state);
 
 /// What all workers of one pulse share. The session makes it, every worker that takes part holds
 /// it: one whose camera hangs may come back to it when the session has long gone on.
@@ -51,17 +55,20 @@ class PulseTask {
   Clock::time_point arm_deadline() const { return arm_deadline_; }
 
   // Of the workers.
-  bool closed() const;  // the session no longer listens
+  bool closed() const;    // the session no longer listens
+  bool given_up() const;  // nor waits for frames that have not come
   void ReportArmed();
   void ReportResult(size_t camera, CameraShot result);
   /// The time of the pulse; nullopt when there will be none.
   std::optional<Clock::time_point> WaitForPulse();
 
   // Of the session.
-  void WaitForArmed(size_t count, Clock::time_point deadline);
+  void WaitForArmed(size_t count, Clock::time_point deadline, std::stop_token stop);
   void PublishPulse(std::optional<Clock::time_point> pulse);
-  /// Ends the task. Those that have not reported by then stay empty.
-  std::vector<std::optional<CameraShot>> TakeResults(size_t count, Clock::time_point deadline);
+  /// Ends the task. Those that have not reported by then stay empty. Once `give_up` is set workers
+  /// have a moment to report what they have.
+  std::vector<std::optional<CameraShot>> TakeResults(size_t count, Clock::time_point deadline,
+                                                     std::stop_token give_up);
 
  private:
   const ShotTiming timing_;
@@ -69,11 +76,12 @@ class PulseTask {
   mutable std::mutex mutex_;
   // Apart, or every camera that is armed would wake all that wait for the pulse.
   std::condition_variable pulse_published_;  // to the workers
-  std::condition_variable report_came_;      // to the session
+  std::condition_variable_any report_came_;  // to the session
   size_t armed_ = 0;
   size_t reported_ = 0;
   bool pulse_known_ = false;
   bool closed_ = false;
+  bool given_up_ = false;
   std::optional<Clock::time_point> pulse_;
   std::vector<std::optional<CameraShot>> results_;
 };
@@ -143,10 +151,14 @@ class CameraWorker {
   /// When the camera was seen to be armed.
   Result<Clock::time_point> PrepareForPulse(const PulseTask& task, FrameBlock memory,
                                             bool stay_armed);
-  bool IsOfEarlierPulse(const CameraFrame& frame, Clock::time_point pulse) const;
-  std::optional<CameraFrame> FetchOwnFrame(Clock::time_point pulse, Clock::time_point deadline);
+  bool IsOfEarlierTrigger(const CameraFrame& frame, Clock::time_point pulse) const;
+  std::optional<CameraFrame> FetchUnlessGivenUp(const PulseTask& task,
+                                                Clock::time_point deadline) const;
+  std::optional<CameraFrame> FetchOwnFrame(const PulseTask& task, Clock::time_point pulse,
+                                           bool stay_armed);
   CameraShot TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed);
-  void FetchPulse(const PulseTask& task, Clock::time_point pulse, CameraShot& shot);
+  void FetchPulse(const PulseTask& task, Clock::time_point pulse, bool stay_armed,
+                  CameraShot& shot);
   void CheckFrame(CameraShot& shot);
   void CheckForSecondFrame(const PulseTask& task, uint64_t unasked_before, CameraShot& shot);
   void Diagnose(CameraShot& shot);
@@ -158,9 +170,9 @@ class CameraWorker {
   std::unique_ptr<Camera> camera_;  // null: not open
   FrameIdCheck ids_;
   ClockTrack clock_;
-  Status ptp_;  // of the last pulse
-  std::optional<Clock::time_point> earlier_pulse_;
-  std::future<void> closing_;  // a lost camera takes seconds to close
+  Status ptp_;                                        // of the last pulse
+  std::optional<Clock::time_point> earlier_trigger_;  // by line or software, since it was opened
+  std::future<void> closing_;                         // a lost camera takes seconds to close
 
   mutable std::mutex mutex_;
   std::condition_variable posted_;

@@ -1,5 +1,7 @@
 #include "rig/capture_options.h"
 
+#include <arpa/inet.h>
+
 #include <algorithm>
 #include <fstream>
 #include <map>
@@ -17,11 +19,12 @@ Error Invalid(const std::string& key, const std::string& message) {
   return {ErrorCode::kInvalidArgument, message, key};
 }
 
-Status CheckRange(const std::string& key, double value, double low, double high) {
-  if (value >= low && value <= high) return {};
+void CheckRange(const std::string& key, double value, double low, double high,
+                std::vector<Error>& problems) {
+  if (value >= low && value <= high) return;
   std::ostringstream text;
   text << "is " << value << ", expected " << low << " to " << high;
-  return Invalid(key, text.str());
+  problems.push_back(Invalid(key, text.str()));
 }
 
 UplinkLoad LoadOf(const CaptureOptions& options, const std::string& name) {
@@ -39,103 +42,126 @@ UplinkLoad LoadOf(const CaptureOptions& options, const std::string& name) {
 }
 
 /// Names become files of a frame set and parts of addresses: what stays in its folder everywhere.
-Status CheckName(const std::string& name) {
+void CheckName(const std::string& name, std::vector<Error>& problems) {
   const auto is_alnum = [](char c) {
     return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
   };
   const auto is_allowed = [&](char c) { return is_alnum(c) || c == '-' || c == '_' || c == '.'; };
   if (!name.empty() && name.size() <= kMaxNameLength && is_alnum(name.front()) &&
       std::all_of(name.begin(), name.end(), is_allowed)) {
-    return {};
+    return;
   }
-  return Invalid("cameras", "\"" + name + "\" is no name, expected at most " +
-                                std::to_string(kMaxNameLength) +
-                                " letters, digits, '-', '_' and '.', a letter or digit first");
+  problems.push_back(Invalid(
+      "cameras", "\"" + name + "\" is no name, expected at most " + std::to_string(kMaxNameLength) +
+                     " letters, digits, '-', '_' and '.', a letter or digit first"));
 }
 
-Status CheckCameras(const CaptureOptions& options) {
-  if (options.cameras.empty()) return Invalid("cameras", "there is none");
+/// `owner` has what the cameras before are known by.
+void CheckCamera(const CameraPlace& camera, const std::vector<UplinkOptions>& uplinks,
+                 std::map<std::string, std::string>& owner, std::vector<Error>& problems) {
+  CheckName(camera.camera, problems);
+  const std::string key = "cameras." + camera.camera;
+  if (camera.serial.empty() && camera.address.empty()) {
+    problems.push_back(Invalid(key, "has neither serial nor address, expected at least one"));
+  }
+  in_addr parsed{};
+  if (!camera.address.empty() && ::inet_pton(AF_INET, camera.address.c_str(), &parsed) != 1) {
+    problems.push_back(
+        Invalid(key + ".address",
+                "is \"" + camera.address + "\", expected an IPv4 address such as 192.168.10.7"));
+  }
+  if (std::none_of(uplinks.begin(), uplinks.end(),
+                   [&](const auto& uplink) { return uplink.name == camera.uplink; })) {
+    problems.push_back(
+        Invalid(key + ".uplink", "is \"" + camera.uplink + "\", which is not in [uplinks]"));
+  }
+  for (const std::string& mark : {camera.camera, camera.serial, camera.address}) {
+    if (mark.empty()) continue;
+    const auto [twin, is_new] = owner.emplace(mark, camera.camera);
+    if (is_new) continue;
+    problems.push_back(Invalid(key, "\"" + mark + "\" is already that of " + twin->second));
+  }
+}
+
+void CheckCameras(const CaptureOptions& options, std::vector<Error>& problems) {
+  if (options.cameras.empty()) problems.push_back(Invalid("cameras", "there is none"));
   if (options.cameras.size() > kMaxCameras) {
-    return Invalid("cameras", "there are " + std::to_string(options.cameras.size()) +
-                                  ", expected at most " + std::to_string(kMaxCameras));
+    problems.push_back(Invalid("cameras", "there are " + std::to_string(options.cameras.size()) +
+                                              ", expected at most " + std::to_string(kMaxCameras)));
+    return;
   }
   std::map<std::string, std::string> owner;
   for (const CameraPlace& camera : options.cameras) {
-    ROTUNDA_RETURN_IF_ERROR(CheckName(camera.camera));
-    const std::string key = "cameras." + camera.camera;
-    if (camera.serial.empty() && camera.address.empty()) {
-      return Invalid(key, "has neither serial nor address, expected at least one");
-    }
-    const auto known =
-        std::find_if(options.uplinks.begin(), options.uplinks.end(),
-                     [&](const auto& uplink) { return uplink.name == camera.uplink; });
-    if (known == options.uplinks.end()) {
-      return Invalid(key + ".uplink", "is \"" + camera.uplink + "\", which is not in [uplinks]");
-    }
-    for (const std::string& mark : {camera.camera, camera.serial, camera.address}) {
-      if (mark.empty()) continue;
-      const auto [twin, is_new] = owner.emplace(mark, camera.camera);
-      if (!is_new) return Invalid(key, "\"" + mark + "\" is already that of " + twin->second);
-    }
+    CheckCamera(camera, options.uplinks, owner, problems);
   }
-  return {};
 }
 
-Status CheckTiming(const CaptureOptions& options) {
+void CheckTiming(const CaptureOptions& options, std::vector<Error>& problems) {
   const ShotTiming& timing = options.timing;
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.arm_ms", timing.arm_ms, 10, 60000));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.deadline_ms", timing.deadline_ms, 10, 60000));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.late_ms", timing.late_ms, 0, 60000));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.settle_ms", timing.settle_ms, 0, 10000));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.skew_limit_us", options.skew_limit_us, 1, 1e6));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.retries", options.retries, 0, 10));
-  return CheckRange("capture.sets_in_memory", options.sets_in_memory, 2, 100);
+  CheckRange("capture.arm_ms", timing.arm_ms, 10, 60000, problems);
+  CheckRange("capture.deadline_ms", timing.deadline_ms, 10, 60000, problems);
+  CheckRange("capture.late_ms", timing.late_ms, 0, 60000, problems);
+  CheckRange("capture.settle_ms", timing.settle_ms, 0, 10000, problems);
+  CheckRange("capture.skew_limit_us", options.skew_limit_us, 1, 1e6, problems);
+  CheckRange("capture.retries", options.retries, 0, 10, problems);
+  CheckRange("capture.sets_in_memory", options.sets_in_memory, 2, 100, problems);
+}
+
+void CheckSettings(const CameraSettings& settings, std::vector<Error>& problems) {
+  CheckRange("capture.exposure_us", settings.exposure_us, 1, 1e7, problems);
+  CheckRange("capture.gain_db", settings.gain_db, -60, 60, problems);
+  CheckRange("capture.packet_size_bytes", settings.packet_size_bytes, kMinPacketSize_bytes,
+             kMaxPacketSize_bytes, problems);
+  CheckRange("capture.width_px", settings.width_px, 0, 65535, problems);
+  CheckRange("capture.height_px", settings.height_px, 0, 65535, problems);
+  const std::set<std::string> formats = {"Mono8",    "RGB8",     "BayerRG8",
+                                         "BayerGB8", "BayerGR8", "BayerBG8"};
+  if (formats.contains(settings.pixel_format)) return;
+  problems.push_back(
+      Invalid("capture.pixel_format",
+              "is \"" + settings.pixel_format +
+                  "\", expected Mono8, BayerRG8, BayerGB8, BayerGR8, BayerBG8 or RGB8"));
 }
 
 /// The frames of one uplink must be through before the deadline.
-Status CheckBandwidth(const CaptureOptions& options) {
+void CheckBandwidth(const CaptureOptions& options, std::vector<Error>& problems) {
   const CameraSettings& settings = options.settings;
   const size_t payload = settings.PayloadBytes();
-  if (payload == 0) return {};  // known when cameras are open: CameraWorker looks again
+  if (payload == 0) return;  // known when cameras are open: CameraWorker looks again
   for (const UplinkOptions& uplink : options.uplinks) {
     const UplinkLoad load = LoadOf(options, uplink.name);
     if (load.cameras == 0) continue;
     const Status in_time = CheckInTime({payload, settings.packet_size_bytes, settings.exposure_us},
                                        load.Share(), options.timing.deadline_ms);
     if (in_time.ok()) continue;
-    return Invalid("uplinks." + uplink.name,
-                   "with " + std::to_string(load.cameras) + " cameras, " + in_time.error().message);
+    problems.push_back(
+        Invalid("uplinks." + uplink.name,
+                "with " + std::to_string(load.cameras) + " cameras, " + in_time.error().message));
   }
-  return {};
 }
 
 }  // namespace
 
-Status CaptureOptions::Validate() const {
-  ROTUNDA_RETURN_IF_ERROR(CheckCameras(*this));
+std::vector<Error> CaptureOptions::Problems() const {
+  std::vector<Error> problems;
+  CheckCameras(*this, problems);
   for (const UplinkOptions& uplink : uplinks) {
     const std::string key = "uplinks." + uplink.name;
-    ROTUNDA_RETURN_IF_ERROR(CheckRange(key + ".mbit_per_s", uplink.mbit_per_s, 10, 400000));
-    ROTUNDA_RETURN_IF_ERROR(
-        CheckRange(key + ".camera_mbit_per_s", uplink.camera_mbit_per_s, 10, 100000));
+    CheckRange(key + ".mbit_per_s", uplink.mbit_per_s, 10, 400000, problems);
+    CheckRange(key + ".camera_mbit_per_s", uplink.camera_mbit_per_s, 10, 100000, problems);
   }
-  ROTUNDA_RETURN_IF_ERROR(CheckTiming(*this));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.exposure_us", settings.exposure_us, 1, 1e7));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.gain_db", settings.gain_db, -60, 60));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.packet_size_bytes", settings.packet_size_bytes,
-                                     kMinPacketSize_bytes, kMaxPacketSize_bytes));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.width_px", settings.width_px, 0, 65535));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("capture.height_px", settings.height_px, 0, 65535));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("trigger.pulse_us", trigger.pulse_us, 1, 1e6));
-  ROTUNDA_RETURN_IF_ERROR(CheckRange("trigger.line", trigger.gpio.line, 0, 1023));
-  const std::set<std::string> formats = {"Mono8",    "RGB8",     "BayerRG8",
-                                         "BayerGB8", "BayerGR8", "BayerBG8"};
-  if (!formats.contains(settings.pixel_format)) {
-    return Invalid("capture.pixel_format",
-                   "is \"" + settings.pixel_format +
-                       "\", expected Mono8, BayerRG8, BayerGB8, BayerGR8, BayerBG8 or RGB8");
-  }
-  return CheckBandwidth(*this);
+  CheckTiming(*this, problems);
+  CheckSettings(settings, problems);
+  CheckRange("trigger.pulse_us", trigger.pulse_us, 1, 1e6, problems);
+  CheckRange("trigger.line", trigger.gpio.line, 0, 1023, problems);
+  // Said of values that are in their ranges only.
+  if (problems.empty()) CheckBandwidth(*this, problems);
+  return problems;
+}
+
+Status CaptureOptions::Validate() const {
+  const std::vector<Error> problems = Problems();
+  return problems.empty() ? Status() : Status(problems.front());
 }
 
 CameraSettings CaptureOptions::SettingsOf(const CameraPlace& place) const {

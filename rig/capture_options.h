@@ -43,8 +43,10 @@ struct CaptureOptions {
   int retries = 1;              // more pulses when a camera missed
   int sets_in_memory = 4;       // how many sets' frames memory may hold, waiting for the disk
 
-  /// kInvalidArgument; the context is "table.key" of the configuration. Checks too that a frame
-  /// gets over its uplink before the deadline.
+  /// All that is wrong, kInvalidArgument each; the context is "table.key" of the configuration.
+  /// Checks too that a frame gets over its uplink before the deadline.
+  std::vector<Error> Problems() const;
+  /// The first of them.
   Status Validate() const;
 
   /// `settings` for one camera: its share of its uplink, the trigger's input.

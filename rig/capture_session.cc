@@ -13,6 +13,8 @@ namespace {
 using Clock = Camera::Clock;
 using std::chrono::milliseconds;
 
+constexpr char kStillOpening[] = "it was still being opened";
+
 constexpr auto kReadyPollInterval = milliseconds(10);
 // A picture of pure noise grows by a thousandth when it is coded; the rest is for the other files.
 constexpr size_t kCodingReserve = 50;
@@ -34,6 +36,37 @@ Status CheckBuffers(const CaptureOptions& options, size_t payload_bytes) {
       std::all_of(options.cameras.begin(), options.cameras.end(),
                   [](const CameraPlace& camera) { return camera.address.starts_with("127."); });
   return on_loopback ? Status() : CheckSocketBuffers(payload_bytes);
+}
+
+/// The summaries of pulses, one after the other; "the same" for one like that of the shot.
+std::string TellOthers(const std::vector<std::string>& summaries, const std::string& of_shot) {
+  std::string text;
+  for (const std::string& each : summaries) {
+    text += (text.empty() ? "" : "; then ") + (each == of_shot ? "the same" : each);
+  }
+  return text;
+}
+
+/// What becomes of a camera that has not told.
+CameraShot SilentShot(const CameraState& state, bool given_up) {
+  CameraShot silent;
+  silent.camera = state.camera;
+  silent.serial = state.identity.serial;
+  silent.settings = state.settings;
+  switch (state.condition) {
+    case CameraCondition::kOpening:
+      silent.verdict = Verdict::kNotArmed;
+      silent.reason = kStillOpening;
+      break;
+    case CameraCondition::kReady:
+      silent.verdict = given_up ? Verdict::kInterrupted : Verdict::kDisconnected;
+      silent.reason = given_up ? kGivenUp : kSilent;
+      break;
+    case CameraCondition::kLost:
+      silent.verdict = state.lost_as;
+      silent.reason = state.problem;
+  }
+  return silent;
 }
 
 /// Counts while it lives.
@@ -63,11 +96,12 @@ class CaptureSession::Locator {
       asked_ = Clock::now();
     }
     const CameraMatch match = MatchCameras({place}, found_);
-    if (!match.problems.empty()) return match.problems.front();
-    return match.places.front();
+    if (match.problems.empty()) return match.places.front();
+    return Error{match.problems.front().code, match.problems.front().message, ""};
   }
 
-  /// The same error, with the name of the camera whose serial was found instead.
+  /// The same error, with the name of the camera whose serial was found instead, and without the
+  /// address that is known to be the place's.
   Error Explain(const CameraPlace& place, Error error) const {
     for (const CameraPlace& other : cameras_) {
       if (error.code == ErrorCode::kBadInput && !other.serial.empty() &&
@@ -75,7 +109,8 @@ class CaptureSession::Locator {
         error.message += " (which belongs to " + other.camera + ": cables swapped?)";
       }
     }
-    return error.In(place.camera);
+    if (error.context == place.address) error.context.clear();
+    return error;
   }
 
  private:
@@ -155,7 +190,8 @@ size_t CaptureSession::ShotLimit_bytes() const {
   return sum + sum / kCodingReserve;
 }
 
-Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
+Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
+                                       std::stop_token give_up) {
   const std::vector<CameraWorker*> ready = ReadyWorkers();
   ROTUNDA_RETURN_IF_ERROR(FitMemory());  // now that it is known who takes part
   std::vector<FrameBlock> blocks = memory_.Take(ready.size(), Clock::now() + kMemoryPatience);
@@ -166,7 +202,8 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
                      "nothing is lost, try again when they are written",
                  "frames"};
   }
-  if (stop.stop_requested()) return Error{ErrorCode::kCancelled, "stopped before the pulse", ""};
+  const Error stopped{ErrorCode::kCancelled, "stopped before the pulse", ""};
+  if (stop.stop_requested()) return stopped;
   const ShotTiming& timing = options_.timing;
   const auto arm_deadline = Clock::now() + milliseconds(timing.arm_ms);
   const auto task = std::make_shared<PulseTask>(workers_.size(), timing, arm_deadline);
@@ -175,56 +212,65 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop) {
     if (next >= ready.size() || workers_[i].get() != ready[next]) continue;
     workers_[i]->JoinPulse(task, i, std::move(blocks[next++]), stay_armed);
   }
-  task->WaitForArmed(ready.size(), arm_deadline);
+  task->WaitForArmed(ready.size(), arm_deadline, stop);
+  if (stop.stop_requested()) {
+    task->PublishPulse(std::nullopt);
+    task->TakeResults(0, arm_deadline, {});
+    return stopped;
+  }
   const Result<Clock::time_point> pulse =
       devices_.trigger->Pulse(std::chrono::microseconds(options_.trigger.pulse_us));
   task->PublishPulse(pulse ? std::optional(*pulse) : std::nullopt);
   const auto deadline = Clock::now() +
                         milliseconds(timing.deadline_ms + timing.late_ms + timing.settle_ms) +
                         kDiagnosisPatience;
-  std::vector<std::optional<CameraShot>> results = task->TakeResults(ready.size(), deadline);
+  std::vector<std::optional<CameraShot>> results =
+      task->TakeResults(ready.size(), deadline, give_up);
   if (!pulse) return pulse.error().In("trigger");
   Shot shot;
   for (size_t i = 0; i < workers_.size(); ++i) {
-    if (results[i]) {
-      shot.cameras.push_back(std::move(*results[i]));
-      continue;
-    }
-    CameraShot silent;
-    const CameraState state = workers_[i]->state();
-    silent.camera = state.camera;
-    silent.serial = state.identity.serial;
-    silent.settings = state.settings;
-    silent.verdict =
-        state.condition == CameraCondition::kReady ? Verdict::kDisconnected : state.lost_as;
-    silent.reason = state.condition == CameraCondition::kReady ? kSilent : state.problem;
-    shot.cameras.push_back(std::move(silent));
+    shot.cameras.push_back(results[i] ? std::move(*results[i])
+                                      : SilentShot(workers_[i]->state(), task->given_up()));
   }
+  if (task->given_up() && std::none_of(shot.cameras.begin(), shot.cameras.end(),
+                                       [](const CameraShot& each) { return !!each.frame; })) {
+    return Error{ErrorCode::kCancelled, "given up before a frame came", ""};
+  }
+  shot.interrupted =
+      std::any_of(shot.cameras.begin(), shot.cameras.end(),
+                  [](const CameraShot& each) { return each.verdict == Verdict::kInterrupted; });
   JudgeSkew(options_.skew_limit_us, shot);
   return shot;
 }
 
-Result<Shot> CaptureSession::Capture(std::stop_token stop) {
+Result<Shot> CaptureSession::Capture(std::stop_token stop, std::stop_token give_up) {
   const Wanted wanted(shots_wanted_);
   const std::lock_guard lock(one_shot_);
   if (!devices_.trigger) return Error{ErrorCode::kInvalidArgument, "there is none", "trigger"};
   if (ReadyWorkers().empty()) {
+    const std::string problem = workers_.front()->state().problem;
     return Error{ErrorCode::kFailed,
                  "none of " + std::to_string(workers_.size()) +
-                     " is ready; the first says: " + workers_.front()->state().problem,
+                     " is ready; the first says: " + (problem.empty() ? kStillOpening : problem),
                  "cameras"};
   }
-  Result<Shot> best = TakePulse(false, stop);
+  Result<Shot> best = TakePulse(false, stop, give_up);
+  std::vector<std::string> others;  // what was wrong with them
   for (int i = 0; best && i < options_.retries && !best->complete(); ++i) {
-    Result<Shot> next = TakePulse(true, stop);
-    if (!next) break;  // what there is is kept
+    Result<Shot> next = TakePulse(true, stop, give_up);
+    if (!next) {  // what there is is kept
+      best->interrupted = next.error().code == ErrorCode::kCancelled;
+      break;
+    }
+    const bool interrupted = next->interrupted;
     if (next->OkCount() < best->OkCount()) std::swap(*next, *best);
-    const std::string others = next->first_try + best->first_try;  // one of them is empty
-    next->first_try = others + (others.empty() ? "" : "; then ") + best->Summary();
-    next->pulses = i + 2;
+    others.push_back(best->Summary());
     best = std::move(next);
+    best->interrupted = interrupted;
+    best->pulses = i + 2;
   }
   for (const auto& worker : workers_) worker->EndShot();
+  if (best) best->first_try = TellOthers(others, best->Summary());
   return best;
 }
 

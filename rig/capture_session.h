@@ -43,10 +43,12 @@ class CaptureSession {
   size_t WaitUntilReady(std::chrono::milliseconds patience, std::stop_token stop = {});
 
   /// Takes a shot; fires again, at most options.retries times, when a camera missed, and gives the
-  /// pulse with most good frames. A shot with missing cameras is a result. kFailed: no camera is
-  /// ready; or frames of earlier shots fill the memory because the disk does not keep up (nothing
-  /// is lost, try again). kIo: the trigger line. kCancelled.
-  Result<Shot> Capture(std::stop_token stop = {});
+  /// pulse with most good frames. A shot with missing cameras is a result. Once `stop` is set there
+  /// are no more pulses; once `give_up` is, frames that have not come are not waited for either,
+  /// and those that have are the shot. kFailed: no camera is ready; or frames of earlier shots fill
+  /// the memory because the disk does not keep up (nothing is lost, try again). kIo: the trigger
+  /// line. kCancelled: stopped before the pulse, or given up before any frame came.
+  Result<Shot> Capture(std::stop_token stop = {}, std::stop_token give_up = {});
 
   /// One camera's frame by software trigger, between shots. Its memory is the session's. Shots come
   /// first: kFailed, at once, while one is taken or waits, or another preview is under way.
@@ -67,7 +69,7 @@ class CaptureSession {
 
   /// Makes room for the frames of the largest camera seen.
   Status FitMemory();
-  Result<Shot> TakePulse(bool stay_armed, std::stop_token stop);
+  Result<Shot> TakePulse(bool stay_armed, std::stop_token stop, std::stop_token give_up);
   std::vector<CameraWorker*> ReadyWorkers() const;
 
   const CaptureOptions options_;

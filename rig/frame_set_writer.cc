@@ -80,9 +80,11 @@ FrameSet DescribeSet(const FrameSetOrder& order, const Shot& shot) {
   set.trigger["complete"] = shot.complete();
   set.trigger["ok"] = static_cast<uint64_t>(shot.OkCount());
   set.trigger["of"] = static_cast<uint64_t>(shot.cameras.size());
-  set.trigger["median_skew_us"] = shot.skew.median_us;
-  set.trigger["max_skew_us"] = shot.skew.max_us;
-  set.trigger["max_skew_camera"] = shot.skew.worst;
+  if (shot.skew.known()) {
+    set.trigger["median_skew_us"] = shot.skew.median_us;
+    set.trigger["max_skew_us"] = shot.skew.max_us;
+    set.trigger["max_skew_camera"] = shot.skew.worst;
+  }
   set.trigger["resent_packets"] = shot.ResentPackets();
   for (const CameraShot& camera : shot.cameras) set.frames.push_back(DescribeFrame(camera));
   return set;
@@ -94,9 +96,11 @@ std::string ShotText(const Shot& shot, const std::map<std::string, PictureFigure
   for (const CameraShot& each : shot.cameras) {
     Json camera = {{"camera", each.camera}, {"verdict", VerdictName(each.verdict)}};
     if (!each.reason.empty()) camera["reason"] = each.reason;
-    if (each.skew_us) camera["skew_us"] = *each.skew_us;
-    camera["clock_uncertainty_us"] = each.clock_uncertainty_us;
-    camera["arrival_ms"] = each.arrival_ms;
+    if (each.skew_us) {
+      camera["skew_us"] = *each.skew_us;
+      camera["clock_uncertainty_us"] = each.clock_uncertainty_us;
+    }
+    if (each.arrival_ms) camera["arrival_ms"] = *each.arrival_ms;
     camera["resent_packets"] = each.resent_packets;
     if (const auto found = figures.find(each.camera); found != figures.end()) {
       camera["mean_level"] = found->second.mean_level;
@@ -106,6 +110,7 @@ std::string ShotText(const Shot& shot, const std::map<std::string, PictureFigure
     cameras.push_back(std::move(camera));
   }
   Json root = {{"format", "rotunda-shot/1"}, {"pulses", shot.pulses}};
+  if (shot.interrupted) root["interrupted"] = true;
   if (!shot.first_try.empty()) root["first_try"] = shot.first_try;
   root["cameras"] = std::move(cameras);
   return root.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";

@@ -33,33 +33,43 @@ std::vector<FacePrior> PriorsOf(const Board& board, const Calibration* earlier) 
   return priors;
 }
 
+std::string SizeText(int width_px, int height_px) {
+  return std::to_string(width_px) + "x" + std::to_string(height_px);
+}
+
+Status CheckKeptLens(const SightedCamera& camera, const Calibration& from) {
+  const CalibratedCamera* earlier = from.Find(camera.camera);
+  const auto refused = [&](const std::string& why) {
+    return Error{ErrorCode::kBadInput, why, camera.camera};
+  };
+  if (earlier == nullptr) {
+    return refused(
+        "is not in the calibration whose intrinsics are to be kept; take one that has it, or "
+        "calibrate without");
+  }
+  if (!camera.serial.empty() && !earlier->serial.empty() && camera.serial != earlier->serial) {
+    return refused("has serial " + camera.serial + ", in the earlier calibration " +
+                   earlier->serial +
+                   ": cameras were exchanged or swapped, so their intrinsics cannot be kept");
+  }
+  const CameraIntrinsics& lens = earlier->intrinsics;
+  if (camera.width_px > 0 &&
+      (camera.width_px != lens.width_px || camera.height_px != lens.height_px)) {
+    return refused("has pictures of " + SizeText(camera.width_px, camera.height_px) +
+                   " pixels, expected " + SizeText(lens.width_px, lens.height_px) +
+                   " as in the earlier calibration: set width_px and height_px as they were then, "
+                   "or calibrate without keeping intrinsics");
+  }
+  return {};
+}
+
 Result<std::vector<std::optional<CameraIntrinsics>>> KnownIntrinsics(
     const BoardSightings& sightings, const Calibration* from) {
   std::vector<std::optional<CameraIntrinsics>> known(sightings.cameras.size());
   if (from == nullptr) return known;
+  ROTUNDA_RETURN_IF_ERROR(CheckKeptLenses(sightings.cameras, *from));
   for (size_t c = 0; c < known.size(); ++c) {
-    const SightedCamera& camera = sightings.cameras[c];
-    const CalibratedCamera* earlier = from->Find(camera.camera);
-    if (earlier == nullptr) {
-      return Error{ErrorCode::kBadInput,
-                   "is not in the calibration whose intrinsics are to be kept; take one that has "
-                   "it, or calibrate without",
-                   camera.camera};
-    }
-    if (!camera.serial.empty() && !earlier->serial.empty() && camera.serial != earlier->serial) {
-      return Error{ErrorCode::kBadInput,
-                   "has serial " + camera.serial + ", in the earlier calibration " +
-                       earlier->serial +
-                       ": cameras were exchanged or swapped, so their intrinsics "
-                       "cannot be kept",
-                   camera.camera};
-    }
-    if (camera.width_px > 0 && (camera.width_px != earlier->intrinsics.width_px ||
-                                camera.height_px != earlier->intrinsics.height_px)) {
-      return Error{ErrorCode::kBadInput,
-                   "has pictures of another size than in the earlier calibration", camera.camera};
-    }
-    known[c] = earlier->intrinsics;
+    known[c] = from->Find(sightings.cameras[c].camera)->intrinsics;
   }
   return known;
 }
@@ -249,10 +259,7 @@ std::vector<FaceView> Without(const std::vector<FaceView>& views,
                               const std::vector<DroppedPicture>& dropped) {
   std::vector<FaceView> rest;
   for (const FaceView& view : views) {
-    const bool out = std::any_of(dropped.begin(), dropped.end(), [&](const DroppedPicture& d) {
-      return d.shot == view.shot && (!d.camera || *d.camera == view.camera);
-    });
-    if (!out) rest.push_back(view);
+    if (!IsLeftOut(dropped, view)) rest.push_back(view);
   }
   return rest;
 }
@@ -343,8 +350,10 @@ Status AdjustFinally(const RigProblem& problem, const std::vector<FaceView>& vie
 class PictureReasons {
  public:
   void Add(const BoardSighting& sighting) {
-    const std::string& reason =
-        sighting.detection ? sighting.detection->unusable : sighting.missing;
+    const std::string& reason = !sighting.detection ? sighting.missing
+                                : sighting.detection->unusable.empty()
+                                    ? sighting.detection->few_markers
+                                    : sighting.detection->unusable;
     if (reason.empty()) return;
     auto& [count, first] = kinds_[reason.substr(0, reason.find(':'))];
     if (count++ == 0) first = reason;
@@ -377,21 +386,47 @@ void ExplainMissing(const BoardSightings& sightings, RigCalibration& result) {
 
 Status CheckSightings(const BoardSightings& sightings, const std::vector<FaceView>& views) {
   if (!views.empty()) return {};
-  size_t unusable = 0, pictures = 0;
-  std::string first;
+  size_t pictures = 0;
+  PictureReasons reasons;
   for (const auto& shot : sightings.sightings) {
     for (const BoardSighting& sighting : shot) {
       ++pictures;
-      if (!sighting.detection || sighting.detection->unusable.empty()) continue;
-      ++unusable;
-      if (first.empty()) first = sighting.detection->unusable;
+      reasons.Add(sighting);
     }
   }
-  std::string why = "no picture of " + std::to_string(pictures) +
-                    " shows the board: is it the one of the board file, and are the pictures not "
-                    "mirrored?";
-  if (unusable > 0) why += " (" + std::to_string(unusable) + " unusable, first: " + first + ")";
-  return Error{ErrorCode::kBadInput, why, ""};
+  return Error{ErrorCode::kBadInput,
+               "no picture of " + std::to_string(pictures) + " shows the board" +
+                   (reasons.Text().empty() ? ": is it the one of the board file, is it large "
+                                             "enough in them, and are they not mirrored?"
+                                           : reasons.Text()),
+               ""};
+}
+
+bool SameCorners(const FaceView& a, const FaceView& b) {
+  return std::equal(a.corners.begin(), a.corners.end(), b.corners.begin(), b.corners.end(),
+                    [](const SeenCorner& one, const SeenCorner& other) {
+                      return one.corner == other.corner && one.pixel == other.pixel;
+                    });
+}
+
+/// A picture's noise never comes twice: shots with a face in common to the last bit are one shot,
+/// which would count as two.
+Status CheckShotsDiffer(const BoardSightings& sightings, const std::vector<FaceView>& views) {
+  std::map<std::pair<size_t, size_t>, std::vector<const FaceView*>> earlier;
+  for (const FaceView& view : views) {
+    std::vector<const FaceView*>& others = earlier[{view.camera, view.face}];
+    for (const FaceView* other : others) {
+      if (!SameCorners(*other, view)) continue;
+      const BoardShot &a = sightings.shots[other->shot], &b = sightings.shots[view.shot];
+      return Error{ErrorCode::kBadInput,
+                   "has the same picture of camera " + sightings.cameras[view.camera].camera +
+                       " as shot '" + a.id + "' (" + a.folder.string() +
+                       "): give every shot once, it would count as two",
+                   "shot '" + b.id + "' (" + b.folder.string() + ")"};
+    }
+    others.push_back(&view);
+  }
+  return {};
 }
 
 Calibration AsCalibration(const RigCalibration& result, const BoardSightings& sightings) {
@@ -445,23 +480,21 @@ void ChangeFrame(const Rigid3& new_from_rig, RigCalibration& calibration) {
   }
 }
 
-/// The shot that the rig frame is to hang on.
-Result<size_t> FrameShot(const BoardSightings& sightings, const RigFrameSetting& setting) {
-  if (setting.shot.empty()) return size_t{0};
-  for (size_t s = 0; s < sightings.shots.size(); ++s) {
-    if (sightings.shots[s].id == setting.shot) return s;
-  }
-  return Error{ErrorCode::kBadInput,
-               "is \"" + setting.shot + "\", which is none of the shots given (the first is \"" +
-                   sightings.shots[0].id + "\"); give that shot too, or name another one",
-               "rig_frame.shot"};
+/// The shot that the rig frame is to hang on; shots.size() when it is not there.
+size_t FrameShot(const std::vector<BoardShot>& shots, const RigFrameSetting& setting) {
+  if (setting.shot.empty()) return 0;
+  return static_cast<size_t>(
+      std::find_if(shots.begin(), shots.end(),
+                   [&](const BoardShot& shot) { return shot.id == setting.shot; }) -
+      shots.begin());
 }
 
 /// The rig frame from the target's pose in the shot that is set, or, with a word of it, in the
 /// first one that was used.
-void HangFrame(const BoardSightings& sightings, const RigFrameSetting& setting, size_t shot,
+void HangFrame(const BoardSightings& sightings, const RigFrameSetting& setting,
                RigCalibration& result) {
   const auto& poses = result.model.rig_from_board;
+  const size_t shot = FrameShot(sightings.shots, setting);
   size_t used = shot;
   if (!poses[shot]) {
     used = static_cast<size_t>(std::find_if(poses.begin(), poses.end(),
@@ -517,13 +550,33 @@ Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration&
       "earlier calibration"};
 }
 
+Status CheckKeptLenses(const std::vector<SightedCamera>& cameras, const Calibration& from) {
+  for (const SightedCamera& camera : cameras) ROTUNDA_RETURN_IF_ERROR(CheckKeptLens(camera, from));
+  return {};
+}
+
+Status CheckFrameShot(const std::vector<BoardShot>& shots, const RigFrameSetting& setting) {
+  if (shots.empty() || FrameShot(shots, setting) < shots.size()) return {};
+  return Error{ErrorCode::kBadInput,
+               "is \"" + setting.shot + "\", which is none of the shots given (the first is \"" +
+                   shots[0].id + "\"); give that shot too, or name another one",
+               "rig_frame.shot"};
+}
+
+bool IsLeftOut(const std::vector<DroppedPicture>& dropped, const FaceView& view) {
+  return std::any_of(dropped.begin(), dropped.end(), [&](const DroppedPicture& d) {
+    return d.shot == view.shot && (!d.camera || *d.camera == view.camera);
+  });
+}
+
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
                                     const RigCalibrationOptions& options, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(board.Validate());
   RigCalibration result;
   result.found = ViewsOf(sightings);
   ROTUNDA_RETURN_IF_ERROR(CheckSightings(sightings, result.found));
-  ROTUNDA_ASSIGN_OR_RETURN(const size_t frame_shot, FrameShot(sightings, board.rig_frame));
+  ROTUNDA_RETURN_IF_ERROR(CheckShotsDiffer(sightings, result.found));
+  ROTUNDA_RETURN_IF_ERROR(CheckFrameShot(sightings.shots, board.rig_frame));
   if (options.frame_from != nullptr) {
     ROTUNDA_RETURN_IF_ERROR(CheckShared(sightings.cameras, *options.frame_from, 1));
   }
@@ -552,7 +605,7 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   ROTUNDA_ASSIGN_OR_RETURN(result.uncertainty, UncertaintyOf(problem, sightings, result, context));
   ExplainMissing(sightings, result);
   if (options.frame_from == nullptr) {
-    HangFrame(sightings, board.rig_frame, frame_shot, result);
+    HangFrame(sightings, board.rig_frame, result);
   } else {
     ROTUNDA_RETURN_IF_ERROR(AlignFrame(sightings, options, result));
   }

@@ -36,6 +36,7 @@ struct DroppedPicture {
   std::optional<size_t> camera;  // nullopt: the whole shot
   std::string reason;
 };
+bool IsLeftOut(const std::vector<DroppedPicture>& dropped, const FaceView& view);
 
 /// Everything a calibration found. Indices are those of BoardSightings and Board.
 struct RigCalibration {
@@ -50,7 +51,7 @@ struct RigCalibration {
   std::vector<DroppedPicture> dropped;
   std::vector<FacePrior> priors;
   std::vector<Eigen::MatrixXd> held_intrinsics;  // as AdjustedUnknowns takes them
-  std::string frame;  // what the rig frame hangs on: "the target in placement_00"
+  std::string frame;  // what the rig frame hangs on: "the target in simulated-1-placement-0"
   /// Why it does not hang on what was set, and what to do; empty when it does.
   std::string frame_problem;
   /// The faces stand otherwise than the board file draws them: they were found from the pictures.
@@ -61,10 +62,18 @@ struct RigCalibration {
 Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration& other,
                    size_t least);
 
+/// kBadInput unless these cameras' lenses can be taken from `from`: all are in it, with the same
+/// serial numbers and, where it is known, size of pictures. The context is the camera.
+Status CheckKeptLenses(const std::vector<SightedCamera>& cameras, const Calibration& from);
+
+/// kBadInput unless the shot that the rig frame is to hang on is among `shots`; the context is the
+/// key of the board file.
+Status CheckFrameShot(const std::vector<BoardShot>& shots, const RigFrameSetting& setting);
+
 /// Joint adjustment of all cameras, shots and faces: start, robust rounds, whole pictures and shots
 /// that do not fit taken out, then corners beyond the threshold that the noise itself gives, until
-/// the set stays the same. Errors name what is missing. The stages reported are "start" and
-/// "adjustment".
+/// the set stays the same. Errors name what is missing or was given twice. The stages reported are
+/// "start" and "adjustment".
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
                                     const RigCalibrationOptions& options, RunContext& context);
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "sfm/core/name_list.h"
 #include "sfm/core/statistics.h"
 
 namespace rotunda::rig {
@@ -13,6 +14,61 @@ std::string Fixed(double value) {
   char text[32];
   std::snprintf(text, sizeof(text), "%.1f", value);
   return text;
+}
+
+// In place of each camera's own trigger cable.
+constexpr char kNobodySawThePulse[] =
+    "armed and answering, but nobody saw the pulse: the trigger line itself, its driver or supply, "
+    "[trigger] chip, line or camera_input?";
+
+/// Cameras that are not ok for one reason.
+struct Complaint {
+  Verdict verdict;
+  std::string reason;
+  std::vector<std::string> cameras;
+
+  /// `all`: how many cameras there are.
+  std::string Text(size_t all) const {
+    const std::string why =
+        std::string(VerdictName(verdict)) + (reason.empty() ? "" : " (" + reason + ")");
+    if (cameras.size() == 1) return cameras.front() + " " + why;
+    if (cameras.size() == all) return "all " + why;
+    return std::to_string(cameras.size()) + " " + why + ": " + ListOfNames(cameras);
+  }
+};
+
+/// In the order of each one's first camera.
+std::vector<Complaint> ComplaintsOf(const std::vector<CameraShot>& cameras) {
+  std::vector<Complaint> complaints;
+  for (const CameraShot& each : cameras) {
+    if (each.verdict == Verdict::kOk) continue;
+    const auto same = std::find_if(complaints.begin(), complaints.end(), [&](const Complaint& one) {
+      return one.verdict == each.verdict && one.reason == each.reason;
+    });
+    if (same == complaints.end()) {
+      complaints.push_back({each.verdict, each.reason, {each.camera}});
+    } else {
+      same->cameras.push_back(each.camera);
+    }
+  }
+  return complaints;
+}
+
+/// Whether the camera could not have told of a pulse.
+bool WasNotThere(Verdict verdict) {
+  return verdict == Verdict::kDisconnected || verdict == Verdict::kWrongCamera ||
+         verdict == Verdict::kControlLost || verdict == Verdict::kCameraError ||
+         verdict == Verdict::kNotArmed || verdict == Verdict::kArmedLate;
+}
+
+/// Several cameras waited for the pulse, and none of them saw it.
+bool NobodySawThePulse(const std::vector<CameraShot>& cameras) {
+  const auto missing = std::count_if(cameras.begin(), cameras.end(), [](const CameraShot& each) {
+    return each.verdict == Verdict::kMissing;
+  });
+  return missing > 1 && std::all_of(cameras.begin(), cameras.end(), [](const CameraShot& each) {
+           return each.verdict == Verdict::kMissing || WasNotThere(each.verdict);
+         });
 }
 
 }  // namespace
@@ -35,6 +91,8 @@ const char* VerdictName(Verdict verdict) {
       return "armed late";
     case Verdict::kMissing:
       return "missing";
+    case Verdict::kInterrupted:
+      return "interrupted";
     case Verdict::kIncomplete:
       return "incomplete";
     case Verdict::kLate:
@@ -65,14 +123,18 @@ uint64_t Shot::ResentPackets() const {
   return sum;
 }
 
+std::string Shot::Tally() const {
+  return std::to_string(OkCount()) + "/" + std::to_string(cameras.size()) + " ok";
+}
+
 std::string Shot::Summary() const {
-  std::string text = std::to_string(OkCount()) + "/" + std::to_string(cameras.size()) + " ok";
-  const char* separator = "; ";
-  for (const CameraShot& each : cameras) {
-    if (each.verdict == Verdict::kOk) continue;
-    text += separator + each.camera + " " + VerdictName(each.verdict);
-    if (!each.reason.empty()) text += " (" + each.reason + ")";
-    separator = ", ";
+  std::string text = Tally();
+  const bool nobody_saw_it = NobodySawThePulse(cameras);
+  for (Complaint complaint : ComplaintsOf(cameras)) {
+    if (nobody_saw_it && complaint.verdict == Verdict::kMissing) {
+      complaint.reason = kNobodySawThePulse;
+    }
+    text += "; " + complaint.Text(cameras.size());
   }
   return text;
 }

@@ -20,6 +20,7 @@ enum class Verdict {
   kNotArmed,      // it did not get ready for the trigger, and no frame came
   kArmedLate,     // it was ready only after the pulse, and no frame came
   kMissing,       // it answers and was armed, but nothing came: trigger cable
+  kInterrupted,   // its frame was no longer waited for
   kIncomplete,    // packets of its frame were lost
   kLate,          // its frame came after the deadline
   kWrongPicture,  // of another size or format than it was set to
@@ -39,7 +40,7 @@ struct CameraShot {
   AppliedSettings settings;
   std::string serial;
   uint64_t resent_packets = 0;
-  double arrival_ms = 0;  // of the whole frame, after the pulse
+  std::optional<double> arrival_ms;  // of the whole frame, after the pulse; unset when none came
   // Begin of exposure on a clock common to all cameras, and how well it is known; unset when the
   // camera's clock could not be read.
   std::optional<int64_t> exposed_ns;
@@ -51,20 +52,27 @@ struct CameraShot {
 struct SkewSummary {
   double median_us = 0;  // of |skew|
   double max_us = 0;
-  std::string worst;  // the camera of the largest
+  std::string worst;  // the camera of the largest; empty when no exposure's time is known
+
+  bool known() const { return !worst.empty(); }
 };
 
 /// One pulse and what came of it. The frames' memory is that of the session which took it.
 struct Shot {
   std::vector<CameraShot> cameras;  // sorted by name
   SkewSummary skew;
-  int pulses = 1;         // 2: the first pulse was missed by a camera, and so on
-  std::string first_try;  // with pulses > 1: what was wrong with the others, camera by camera
+  int pulses = 1;  // 2: the first pulse was missed by a camera, and so on
+  std::string
+      first_try;  // with pulses > 1: what was wrong with the others, "the same" as with this
+  bool interrupted = false;  // frames, or another pulse, were no longer waited for
 
   size_t OkCount() const;
   bool complete() const { return OkCount() == cameras.size(); }
   uint64_t ResentPackets() const;
-  /// "88/90 ok; c03r1 missing (...), c07r2 late (...)".
+  /// "88/90 ok".
+  std::string Tally() const;
+  /// The tally and what is wrong with whom, a reason that several cameras share said once: "86/90
+  /// ok; 3 missing (...): c03r1, c03r2, c03r4; c07r2 late (...)".
   std::string Summary() const;
 };
 

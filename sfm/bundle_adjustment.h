@@ -31,9 +31,9 @@ struct BundleAdjustmentReport {
 /// is in units of the keypoint noise. Poses of other images stay; when fewer than two of them see
 /// the points, the gauge is fixed on the first of them (pose) and the farthest free one from it
 /// (distance along the line between them). Points with fewer than two registered observations are
-/// left alone. Focal lengths stay within 0.3 and 5 times the larger side. Ceres, one thread: the
-/// same bytes every time. kFailed: the solver gave up; kCancelled: stopped, within an iteration. The
-/// reconstruction is as it was then.
+/// left alone. Focal lengths stay within 0.3 and 5 times the larger side. Fixed lenses of up to 150
+/// images: bundle_schur, else Ceres. The same bytes on any number of threads. kFailed: the solver
+/// gave up; kCancelled: stopped, within an iteration. The reconstruction is as it was then.
 Result<BundleAdjustmentReport> AdjustBundle(Reconstruction& reconstruction,
                                             const Features& features,
                                             const std::vector<ImageId>& free_images,

@@ -10,6 +10,7 @@
 #include "daemon/cli/terminal.h"
 #include "rig/board_drawing.h"
 #include "sfm/core/file_io.h"
+#include "sfm/core/html_text.h"
 
 namespace rotunda::cli {
 namespace {
@@ -22,26 +23,33 @@ struct DrawArguments {
   DrawingFormat format = DrawingFormat::kPdf;
 };
 
-Status Draw(const DrawArguments& arguments, const CommonOptions& common) {
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::Board board, config::ReadBoard(arguments.board));
-  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
-  const bool pdf = arguments.format == DrawingFormat::kPdf;
-  nlohmann::ordered_json files = nlohmann::ordered_json::array();
+/// Names of the files, one a face.
+Result<std::vector<std::string>> WriteFaces(const rig::Board& board, DrawingFormat format,
+                                            const OutputFolder& folder) {
+  const bool pdf = format == DrawingFormat::kPdf;
+  std::vector<std::string> files;
   for (const rig::BoardFace& face : board.faces) {
     ROTUNDA_ASSIGN_OR_RETURN(const std::string text,
                              pdf ? rig::FacePdf(face, board.name) : rig::FaceSvg(face, board.name));
-    const std::string name = face.name + (pdf ? ".pdf" : ".svg");
-    ROTUNDA_RETURN_IF_ERROR(WriteFileAtomically(folder.path() / name, text));
-    files.push_back(name);
+    files.push_back(face.name + (pdf ? ".pdf" : ".svg"));
+    const Status written = WriteFileAtomically(folder.path() / files.back(), text);
+    if (!written.ok()) return folder.InPlace(written.error());
   }
+  return files;
+}
+
+Status Draw(const DrawArguments& arguments, const CommonOptions& common) {
+  ROTUNDA_ASSIGN_OR_RETURN(const rig::Board board, config::ReadBoard(arguments.board));
+  ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(arguments.out));
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<std::string> files,
+                           WriteFaces(board, arguments.format, folder));
   ROTUNDA_RETURN_IF_ERROR(folder.Commit());
   if (common.json) {
     const nlohmann::ordered_json result = {{"out", arguments.out.string()}, {"files", files}};
     std::printf("%s\n", result.dump(1).c_str());
   } else {
-    std::printf(
-        "Wrote %zu faces to %s. Print them at 100%% (not \"fit to page\") and measure the ruler.\n",
-        board.faces.size(), arguments.out.c_str());
+    std::printf("Wrote %s to %s. Print at 100%% (not \"fit to page\") and measure the ruler.\n",
+                Counted(files.size(), "face").c_str(), arguments.out.c_str());
   }
   return {};
 }

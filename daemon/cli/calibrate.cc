@@ -9,6 +9,7 @@
 #include "config/board_config.h"
 #include "daemon/calibration_job.h"
 #include "daemon/cli/commands.h"
+#include "daemon/cli/comparison_text.h"
 #include "daemon/cli/terminal.h"
 #include "sfm/core/file_io.h"
 
@@ -37,13 +38,37 @@ std::string NowText() {
   return text;
 }
 
-Result<std::optional<Calibration>> ReadOptional(const std::optional<fs::path>& file) {
-  if (!file) return std::optional<Calibration>();
+using daemon::CalibrationOutcome;
+using daemon::EarlierCalibration;
+
+Result<std::optional<EarlierCalibration>> ReadOptional(const std::optional<fs::path>& file) {
+  if (!file) return std::optional<EarlierCalibration>();
   ROTUNDA_ASSIGN_OR_RETURN(Calibration calibration, ReadCalibration(*file));
-  return std::optional<Calibration>(std::move(calibration));
+  return std::optional<EarlierCalibration>({std::move(calibration), file->string()});
 }
 
-using daemon::CalibrationOutcome;
+bool SameFile(const fs::path& a, const fs::path& b) {
+  std::error_code ignored;
+  return fs::weakly_canonical(fs::absolute(a, ignored), ignored) ==
+         fs::weakly_canonical(fs::absolute(b, ignored), ignored);
+}
+
+/// Whether what comes of the work can be written: asked before it.
+Status CheckOutputs(const CalibrateArguments& arguments) {
+  for (const auto& [option, file] :
+       {std::pair("--out", std::optional(arguments.out)), {"--report", arguments.report}}) {
+    if (!file) continue;
+    if (const Status place = CheckOutputFile(*file); !place.ok()) return place.error().In(option);
+    if (SameFile(*file, arguments.board)) {
+      return Error{ErrorCode::kInvalidArgument, "is the board file, which would be lost",
+                   std::string(option) + ": " + file->string()};
+    }
+  }
+  if (!arguments.report || !SameFile(arguments.out, *arguments.report)) return {};
+  return Error{ErrorCode::kInvalidArgument,
+               "is also what --out names, expected a file of its own (page.html)",
+               "--report: " + arguments.report->string()};
+}
 
 /// "7 x seen twice (most: c03r2 4, c04r2 3)".
 std::string RejectedText(const rig::RejectedCount& rejected) {
@@ -61,14 +86,62 @@ nlohmann::ordered_json RejectedJson(const std::vector<rig::RejectedCount>& rejec
   return list;
 }
 
-void PrintJson(const CalibrateArguments& arguments, const CalibrationOutcome& outcome,
-               const std::vector<StageCost>& costs) {
+nlohmann::ordered_json StagesJson(const std::vector<StageCost>& costs) {
   nlohmann::ordered_json stages = nlohmann::ordered_json::array();
   for (const StageCost& cost : costs) {
     stages.push_back({{"stage", cost.stage},
                       {"seconds", cost.seconds},
                       {"peak_memory_mb", cost.peak_memory_mb}});
   }
+  return stages;
+}
+
+/// One standard deviation over the cameras.
+struct SigmaSummary {
+  double rotation_deg = 0, position_mm = 0, focal_percent = 0;  // means
+  double max_rotation_deg = 0, max_position_mm = 0;
+};
+
+SigmaSummary Summarize(const Calibration& calibration) {
+  SigmaSummary sigma;
+  const auto count = static_cast<double>(calibration.cameras.size());
+  for (const CalibratedCamera& camera : calibration.cameras) {
+    sigma.rotation_deg += camera.sigma->rotation_deg / count;
+    sigma.position_mm += camera.sigma->position_mm / count;
+    sigma.max_rotation_deg = std::max(sigma.max_rotation_deg, camera.sigma->rotation_deg);
+    sigma.max_position_mm = std::max(sigma.max_position_mm, camera.sigma->position_mm);
+    sigma.focal_percent +=
+        100 * camera.sigma->focal_px.value_or(0) / camera.intrinsics.MeanFocal_px() / count;
+  }
+  return sigma;
+}
+
+nlohmann::ordered_json UncertaintyJson(const Calibration& calibration) {
+  const SigmaSummary sigma = Summarize(calibration);
+  return {{"mean_rotation_deg", sigma.rotation_deg},
+          {"mean_position_mm", sigma.position_mm},
+          {"mean_focal_percent", sigma.focal_percent},
+          {"max_rotation_deg", sigma.max_rotation_deg},
+          {"max_position_mm", sigma.max_position_mm}};
+}
+
+/// A camera's sigma and how its corners fit.
+nlohmann::ordered_json CamerasJson(const Calibration& calibration) {
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  for (const CalibratedCamera& camera : calibration.cameras) {
+    cameras.push_back({{"camera", camera.camera},
+                       {"rotation_deg", camera.sigma->rotation_deg},
+                       {"position_mm", camera.sigma->position_mm},
+                       {"focal_px", camera.sigma->focal_px.value_or(0)},
+                       {"corners", camera.fit->corners},
+                       {"kept", camera.fit->kept},
+                       {"rms_px", camera.fit->rms_px}});
+  }
+  return cameras;
+}
+
+void PrintJson(const CalibrateArguments& arguments, const CalibrationOutcome& outcome,
+               const std::vector<StageCost>& costs) {
   const CalibrationResiduals& residuals = *outcome.calibration.residuals;
   nlohmann::ordered_json result = {{"out", arguments.out.string()},
                                    {"calibrated", outcome.calibration.cameras.size()},
@@ -81,40 +154,35 @@ void PrintJson(const CalibrateArguments& arguments, const CalibrationOutcome& ou
                                    {"noise", residuals.noise}};
   if (residuals.held_out_rms_px) result["held_out_rms_px"] = *residuals.held_out_rms_px;
   if (residuals.held_out_p95_px) result["held_out_p95_px"] = *residuals.held_out_p95_px;
+  if (residuals.half_split_rotation_ratio) {
+    result["half_split_rotation_ratio"] = *residuals.half_split_rotation_ratio;
+    result["half_split_position_ratio"] = *residuals.half_split_position_ratio;
+  }
+  result["uncertainty"] = UncertaintyJson(outcome.calibration);
+  result["cameras"] = CamerasJson(outcome.calibration);
   result["rig_frame"] = outcome.result.frame;
   result["rejected_markers"] = RejectedJson(rig::CountRejectedMarkers(outcome.sightings));
   result["rejected_corners"] = RejectedJson(rig::CountRejectedCorners(outcome.sightings));
   result["notes"] = outcome.notes;
   if (const auto changes = outcome.Changes()) result["changes"] = *changes;
-  result["stages"] = stages;
+  if (outcome.comparison) result["comparison"] = ComparisonJson(*outcome.comparison);
+  result["stages"] = StagesJson(costs);
   std::printf("%s\n", result.dump(1).c_str());
 }
 
 void PrintSigmas(const Calibration& calibration) {
-  double rotation = 0, position = 0, max_rotation = 0, max_position = 0, focal = 0;
-  for (const CalibratedCamera& camera : calibration.cameras) {
-    rotation += camera.sigma->rotation_deg;
-    position += camera.sigma->position_mm;
-    max_rotation = std::max(max_rotation, camera.sigma->rotation_deg);
-    max_position = std::max(max_position, camera.sigma->position_mm);
-    focal += 100 * camera.sigma->focal_px.value_or(0) / camera.intrinsics.MeanFocal_px();
-  }
-  const auto count = static_cast<double>(calibration.cameras.size());
+  const SigmaSummary sigma = Summarize(calibration);
   std::printf(
       "uncertainty (1 sigma)  mean %.4f deg, %.3f mm, focal length %.4f %%; largest %.4f "
       "deg, %.3f mm\n",
-      rotation / count, position / count, focal / count, max_rotation, max_position);
+      sigma.rotation_deg, sigma.position_mm, sigma.focal_percent, sigma.max_rotation_deg,
+      sigma.max_position_mm);
 }
 
 void PrintChanges(const CalibrationOutcome& outcome) {
-  const auto changes = outcome.Changes();
-  if (!changes) return;
-  if (changes->empty()) {
-    std::printf("Since the calibration compared with, no camera moved and no lens changed.\n");
-    return;
-  }
+  if (!outcome.comparison) return;
   std::printf("Since the calibration compared with:\n");
-  for (const std::string& change : *changes) std::printf("  %s\n", change.c_str());
+  PrintComparison(*outcome.comparison, "  no camera moved and no lens changed");
 }
 
 void PrintResiduals(const CalibrationResiduals& residuals) {
@@ -162,8 +230,10 @@ void PrintTable(const CalibrateArguments& arguments, const CalibrationOutcome& o
 }
 
 Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& common) {
+  ROTUNDA_RETURN_IF_ERROR(CheckOutputs(arguments));
   daemon::CalibrationTask task;
   ROTUNDA_ASSIGN_OR_RETURN(task.board, config::ReadBoard(arguments.board));
+  task.board_name = arguments.board.string();
   task.framesets = arguments.framesets;
   task.model = arguments.model;
   ROTUNDA_ASSIGN_OR_RETURN(task.intrinsics_from, ReadOptional(arguments.intrinsics_from));
@@ -180,11 +250,11 @@ Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& commo
     outcome.calibration.created_at = NowText();
     outcome.calibration.id = daemon::CalibrationIdOf(outcome.calibration.created_at);
   }
+  ROTUNDA_RETURN_IF_ERROR(WriteCalibration(outcome.calibration, arguments.out));
   if (arguments.report) {
     ROTUNDA_RETURN_IF_ERROR(
         WriteFileAtomically(*arguments.report, daemon::CalibrationPage(task, outcome)));
   }
-  ROTUNDA_RETURN_IF_ERROR(WriteCalibration(outcome.calibration, arguments.out));
   const std::vector<StageCost> costs = progress.Finish();
   if (common.json) {
     PrintJson(arguments, outcome, costs);
@@ -199,7 +269,7 @@ void AddEarlier(CLI::App* command, CalibrateArguments& arguments) {
   command
       ->add_option("--fix-intrinsics-from", arguments.intrinsics_from,
                    "Keep the lenses of this calibration, its rig frame and the target as it was "
-                   "found then: one shot is enough")
+                   "found then: one shot is enough. The board file must be of the same target")
       ->type_name("FILE");
   command
       ->add_option("--frame-from", arguments.frame_from,
@@ -210,7 +280,8 @@ void AddEarlier(CLI::App* command, CalibrateArguments& arguments) {
   command
       ->add_option(
           "--compare", arguments.compare,
-          "Say which cameras moved since this calibration, how far, and by how many sigmas")
+          "Say which cameras moved since this calibration of the same target, how far, and by how "
+          "many sigmas (of another target: rotunda compare)")
       ->type_name("FILE");
 }
 

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <thread>
+#include <utility>
 
 #include "config/capture_config.h"
 #include "daemon/capture_job.h"
@@ -34,6 +35,7 @@ using std::chrono::milliseconds;
 // camera whose program died, the 3 s of its heartbeat.
 constexpr auto kReadyPatience = milliseconds(5000);
 constexpr auto kPollInterval = milliseconds(50);
+constexpr auto kDiskPollInterval = milliseconds(10);
 constexpr auto kBroadcastPatience = milliseconds(1000);
 // A picture is coded and written in a hundredth of this; only making ninety of them durable may
 // take as long, and is then told for nothing.
@@ -56,8 +58,8 @@ std::string NowText(const char* format) {
   return text;
 }
 
-/// Waits for the cameras, telling how many there are.
-void WaitForCameras(rig::CaptureSession& session, const CommonOptions& common) {
+/// Waits for the cameras, telling how many there are. kCancelled.
+Status WaitForCameras(rig::CaptureSession& session, const CommonOptions& common) {
   ProgressLine progress(!common.json);
   const size_t all = session.options().cameras.size();
   auto deadline = std::chrono::steady_clock::now() + kReadyPatience;
@@ -69,37 +71,58 @@ void WaitForCameras(rig::CaptureSession& session, const CommonOptions& common) {
     if (ready > before) deadline = std::chrono::steady_clock::now() + kReadyPatience;
     progress.Update("cameras", ready, all);
   }
+  if (common.stop.stop_requested()) return Interrupted(" while the cameras were being opened");
+  return {};
 }
 
-/// Tells once what keeps a set from the disk, until `done`: that it refuses, or does not answer.
-void TellTrouble(const rig::FrameSetWriter& writer, const std::stop_token& done) {
-  uint64_t signs = writer.signs_of_life();
-  auto alive = std::chrono::steady_clock::now();
-  while (!done.stop_requested()) {
-    const auto now = std::chrono::steady_clock::now();
-    if (signs != writer.signs_of_life()) alive = now;
-    signs = writer.signs_of_life();
-    const auto trouble = writer.trouble();
-    const bool refuses = trouble && trouble->tried_again;
-    if (refuses || now - alive > kDiskPatience) {
-      const std::string what =
-          refuses
-              ? trouble->error.ToString() + "; the frames stay in memory and writing is tried again"
-              : "the disk does not answer; the frames stay in memory until it does";
-      std::fprintf(stderr, "rotunda: %s (Ctrl-C gives them up)\n", what.c_str());
-      return;
-    }
-    std::this_thread::sleep_for(kPollInterval);
+/// What keeps a set from the disk.
+class DiskWatch {
+ public:
+  explicit DiskWatch(const rig::FrameSetWriter& writer)
+      : writer_(writer), signs_(writer.signs_of_life()) {}
+
+  /// That it refuses, or does not answer; empty: neither.
+  std::string Trouble() {
+    const auto now = Clock::now();
+    const uint64_t signs = writer_.signs_of_life();
+    if (signs != std::exchange(signs_, signs)) alive_ = now;
+    const auto trouble = writer_.trouble();
+    if (trouble && trouble->tried_again) return trouble->error.ToString();
+    return now - alive_ > kDiskPatience ? "the disk does not answer" : "";
   }
-}
 
-/// Waits for the disk. A set that cannot be written stays in memory until it can, or Ctrl-C.
+ private:
+  using Clock = std::chrono::steady_clock;
+  const rig::FrameSetWriter& writer_;
+  uint64_t signs_;
+  Clock::time_point alive_ = Clock::now();
+};
+
+/// Waits for the disk. A set that cannot be written stays in memory until it can, which is told
+/// once; Ctrl-C gives it up then (kCancelled), but not one that nothing is the matter with.
 Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
                                     const CommonOptions& common) {
-  const std::jthread watch([&](const std::stop_token& done) { TellTrouble(writer, done); });
-  Result<rig::WrittenSet> written = writer.Wait(ticket, common.stop);
-  if (!written && written.error().code == ErrorCode::kCancelled) writer.Abandon(ticket);
-  return written;
+  std::stop_source at_once;
+  at_once.request_stop();
+  DiskWatch watch(writer);
+  bool told = false;
+  while (true) {
+    Result<rig::WrittenSet> written = writer.Wait(ticket, at_once.get_token());
+    if (written || written.error().code != ErrorCode::kCancelled) return written;
+    const std::string trouble = watch.Trouble();
+    if (!trouble.empty() && common.stop.stop_requested()) {
+      writer.Abandon(ticket);
+      written = writer.Wait(ticket);  // it may have been written all the same
+      if (written) return written;
+      return Interrupted(", the pictures are lost and nothing is left: " + trouble);
+    }
+    if (!trouble.empty() && !std::exchange(told, true)) {
+      std::fprintf(stderr,
+                   "rotunda: %s; the frames stay in memory until it works (Ctrl-C gives them up)\n",
+                   trouble.c_str());
+    }
+    std::this_thread::sleep_for(kDiskPollInterval);
+  }
 }
 
 /// A set that cannot be where it was ordered goes to the system's temporary folder: who was
@@ -126,7 +149,7 @@ Json CameraJson(const rig::CameraShot& camera, const rig::WrittenSet& written) {
   Json row = {{"camera", camera.camera}, {"verdict", rig::VerdictName(camera.verdict)}};
   if (!camera.reason.empty()) row["reason"] = camera.reason;
   if (camera.skew_us) row["skew_us"] = *camera.skew_us;
-  row["arrival_ms"] = camera.arrival_ms;
+  if (camera.arrival_ms) row["arrival_ms"] = *camera.arrival_ms;
   row["resent_packets"] = camera.resent_packets;
   row["exposure_us"] = camera.settings.exposure_us;
   if (const auto found = written.figures.find(camera.camera); found != written.figures.end()) {
@@ -141,25 +164,30 @@ void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json)
   if (json) {
     Json cameras = Json::array();
     for (const rig::CameraShot& each : shot.cameras) cameras.push_back(CameraJson(each, written));
-    const Json result = {{"out", written.folder.string()},
-                         {"ok", shot.OkCount()},
-                         {"of", shot.cameras.size()},
-                         {"complete", shot.complete()},
-                         {"pulses", shot.pulses},
-                         {"median_skew_us", shot.skew.median_us},
-                         {"max_skew_us", shot.skew.max_us},
-                         {"max_skew_camera", shot.skew.worst},
-                         {"resent_packets", shot.ResentPackets()},
-                         {"bytes", written.bytes},
-                         {"cameras", std::move(cameras)}};
+    Json result = {{"out", written.folder.string()},
+                   {"ok", shot.OkCount()},
+                   {"of", shot.cameras.size()},
+                   {"complete", shot.complete()},
+                   {"pulses", shot.pulses}};
+    if (shot.interrupted) result["interrupted"] = true;
+    if (shot.skew.known()) {
+      result["median_skew_us"] = shot.skew.median_us;
+      result["max_skew_us"] = shot.skew.max_us;
+      result["max_skew_camera"] = shot.skew.worst;
+    }
+    result["resent_packets"] = shot.ResentPackets();
+    result["bytes"] = written.bytes;
+    result["cameras"] = std::move(cameras);
     std::printf("%s\n", result.dump(1).c_str());
     return;
   }
-  std::printf("%s\n", shot.Summary().c_str());
+  std::printf("%s\n", shot.Tally().c_str());
   if (!shot.first_try.empty()) std::printf("earlier pulse: %s\n", shot.first_try.c_str());
-  std::printf("skew: median %.1f us, largest %.1f us (%s); %llu packets sent again\n",
-              shot.skew.median_us, shot.skew.max_us, shot.skew.worst.c_str(),
-              static_cast<unsigned long long>(shot.ResentPackets()));
+  if (shot.skew.known()) {
+    std::printf("skew: median %.1f us, largest %.1f us (%s)\n", shot.skew.median_us,
+                shot.skew.max_us, shot.skew.worst.c_str());
+  }
+  std::printf("packets sent again: %llu\n", static_cast<unsigned long long>(shot.ResentPackets()));
   std::printf("Wrote %s (%.0f MB)\n", written.folder.c_str(),
               1e-6 * static_cast<double>(written.bytes));
 }
@@ -173,6 +201,7 @@ Result<std::optional<std::string>> CalibrationText(const std::optional<fs::path>
   return std::optional<std::string>(std::move(text));
 }
 
+/// kCancelled: by Ctrl-C, and nothing is left.
 Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions& common) {
   ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, 0));
   rig::FrameSetOrder order;
@@ -183,17 +212,21 @@ Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions
                            daemon::OpenDevices(options, arguments.simulated));
   ROTUNDA_ASSIGN_OR_RETURN(const std::unique_ptr<rig::CaptureSession> session,
                            rig::CaptureSession::Open(options, std::move(devices)));
-  WaitForCameras(*session, common);
+  ROTUNDA_RETURN_IF_ERROR(WaitForCameras(*session, common));
   ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, session->ShotLimit_bytes()));
-  ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(common.stop));
-  rig::Shot facts = daemon::FactsOf(shot);
+  Result<rig::Shot> shot = session->Capture(common.stop, common.stop);
+  if (!shot && shot.error().code == ErrorCode::kCancelled) {
+    return Interrupted(" before a picture had come, nothing is left");
+  }
+  if (!shot) return shot.error();
+  rig::Shot facts = daemon::FactsOf(*shot);
   rig::FrameSetWriter writer(common.threads);
   order.out = arguments.out;
   order.id = NowText("%Y%m%dT%H%M%SZ");
   order.captured_at = NowText("%Y-%m-%dT%H:%M:%SZ");
   order.subject = arguments.subject;
   order.trigger_source = arguments.simulated ? "simulated" : "gpio";
-  const auto ticket = writer.Submit(std::move(order), std::move(shot));
+  const auto ticket = writer.Submit(std::move(order), *std::move(shot));
   const Result<rig::WrittenSet> written = WaitForDisk(writer, ticket, common);
   if (!written && written.error().code == ErrorCode::kCancelled) return written.error();
   if (!written) return Rescue(writer, ticket, written.error(), common);
@@ -209,7 +242,7 @@ std::optional<double> FrameAge_s(const rig::CameraState& state) {
 
 Json StateJson(const rig::CameraState& state) {
   Json row = {{"camera", state.camera},
-              {"condition", rig::ConditionName(state.condition)},
+              {"condition", rig::ConditionName(state)},
               {"address", state.identity.address},
               {"serial", state.identity.serial},
               {"vendor", state.identity.vendor},
@@ -235,7 +268,7 @@ Json StateJson(const rig::CameraState& state) {
 
 void PrintStates(const std::vector<rig::CameraState>& states,
                  const std::vector<rig::CameraIdentity>& unused) {
-  std::printf("%-8s %-8s %-7s %-15s %-12s %-14s %-10s %7s %6s %7s %s\n", "camera", "is", "control",
+  std::printf("%-8s %-12s %-7s %-15s %-12s %-14s %-10s %7s %6s %7s %s\n", "camera", "is", "control",
               "address", "serial", "model", "firmware", "temp", "packet", "resent", "last frame");
   for (const rig::CameraState& state : states) {
     const auto temperature = state.health.temperature_deg_c;
@@ -246,8 +279,8 @@ void PrintStates(const std::vector<rig::CameraState>& states,
       std::snprintf(last_frame, sizeof(last_frame), "%llu, %.1f s ago",
                     static_cast<unsigned long long>(*state.last_frame_id), *age_s);
     }
-    std::printf("%-8s %-8s %-7s %-15s %-12s %-14s %-10s %7s %6d %7llu %s\n", state.camera.c_str(),
-                rig::ConditionName(state.condition), state.health.control_held ? "held" : "-",
+    std::printf("%-8s %-12s %-7s %-15s %-12s %-14s %-10s %7s %6d %7llu %s\n", state.camera.c_str(),
+                rig::ConditionName(state), state.health.control_held ? "held" : "-",
                 state.identity.address.c_str(), state.identity.serial.c_str(),
                 state.identity.model.c_str(), state.identity.firmware.c_str(), degrees,
                 state.settings.packet_size_bytes,
@@ -267,7 +300,7 @@ Status ListCameras(const CaptureArguments& arguments, const CommonOptions& commo
                            rig::DiscoverCameras(kBroadcastPatience));
   ROTUNDA_ASSIGN_OR_RETURN(const std::unique_ptr<rig::CaptureSession> session,
                            rig::CaptureSession::Open(options, {rig::OpenAravisCamera, nullptr}));
-  WaitForCameras(*session, common);
+  ROTUNDA_RETURN_IF_ERROR(WaitForCameras(*session, common));
   const std::vector<rig::CameraState> states = session->States();
   const rig::CameraMatch match = rig::MatchCameras(options.cameras, found);
   if (common.json) {
@@ -296,9 +329,21 @@ Status ListCameras(const CaptureArguments& arguments, const CommonOptions& commo
 /// Without a daemon; the exit code.
 int CaptureAlone(const CaptureArguments& arguments, const CommonOptions& common) {
   const Result<rig::Shot> shot = Capture(arguments, common);
+  const bool interrupted = common.stop.stop_requested();
+  if (!shot && interrupted && shot.error().code != ErrorCode::kCancelled) {
+    return Fail(Interrupted("; " + shot.error().ToString()));
+  }
   if (!shot) return Fail(shot.error());
+  const std::string out = arguments.out.string();
+  if (interrupted && shot->complete()) {
+    return Fail(Interrupted(", but all pictures had come: " + out + " is complete"));
+  }
+  if (interrupted) {
+    return Fail(
+        Interrupted(", what had come is in " + out + ", marked incomplete: " + shot->Summary()));
+  }
   if (shot->complete()) return kDone;
-  return Fail({ErrorCode::kFailed, shot->Summary(), "the set is written, but incomplete"});
+  return Fail({ErrorCode::kFailed, shot->Summary(), kIncompleteSet});
 }
 
 CLI::Option* AddRigOption(CLI::App* command, CaptureArguments& arguments) {
@@ -318,7 +363,8 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       app, common, "capture",
       "Take one synchronised picture with all cameras. With --rig without a daemon, written as a "
       "frame set; else by the daemon, which keeps and reconstructs it. Also a shot that cameras "
-      "missed is written, and marked incomplete; the exit status is 1 then.",
+      "missed is written, and marked incomplete; the exit status is 1 then. Ctrl-C keeps the "
+      "pictures that have come, as a set marked incomplete, or leaves nothing when none had.",
       "rotunda capture --subject \"person 1\"\n"
       "  rotunda capture --rig config/capture.toml --out person1\n"
       "  rotunda capture --rig config/capture.toml --out person1 --simulated");

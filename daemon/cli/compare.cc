@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/cli/commands.h"
+#include "daemon/cli/comparison_text.h"
 #include "daemon/cli/terminal.h"
 #include "rig/calibration_comparison.h"
 
@@ -33,41 +34,12 @@ Result<Compared> Compare(const CompareArguments& arguments) {
   return compared;
 }
 
-Json SigmaJson(const PoseSigma& sigma) {
-  Json json = {{"position_mm", sigma.position_mm}, {"rotation_deg", sigma.rotation_deg}};
-  if (sigma.focal_px) json["focal_px"] = *sigma.focal_px;
-  return json;
-}
-
-Json ChangeJson(const rig::CameraChange& change) {
-  Json json = {{"camera", change.camera},
-               {"position_mm", change.position_mm},
-               {"rotation_deg", change.rotation_deg},
-               {"sigmas", change.sigmas},
-               {"moved", change.moved}};
-  if (change.swapped_with) json["stands_where"] = *change.swapped_with;
-  json["focal_percent"] = change.focal_percent;
-  if (change.lens_sigmas) json["lens_sigmas"] = *change.lens_sigmas;
-  json["lens_changed"] = change.lens_changed;
-  json["other_serial"] = change.other_serial;
-  if (change.sigma_before) json["sigma_before"] = SigmaJson(*change.sigma_before);
-  if (change.sigma_after) json["sigma_after"] = SigmaJson(*change.sigma_after);
-  return json;
-}
-
-void PrintJson(const Compared& compared) {
-  const rig::CalibrationComparison& comparison = compared.comparison;
-  Json cameras = Json::array();
-  for (const rig::CameraChange& change : comparison.cameras) cameras.push_back(ChangeJson(change));
-  const Json result = {{"before", compared.before.id},
-                       {"after", compared.after.id},
-                       {"sigmas_limit", comparison.sigmas_limit},
-                       {"inflation", comparison.inflation},
-                       {"lens_inflation", comparison.lens_inflation},
-                       {"cameras", cameras},
-                       {"only_before", comparison.only_before},
-                       {"only_after", comparison.only_after},
-                       {"changes", rig::ChangesIn(comparison)}};
+void PrintJson(const CompareArguments& arguments, const Compared& compared) {
+  Json result = {{"before", compared.before.id},
+                 {"before_file", arguments.before.string()},
+                 {"after", compared.after.id},
+                 {"after_file", arguments.after.string()}};
+  result.update(ComparisonJson(compared.comparison));
   std::printf("%s\n", result.dump(1).c_str());
 }
 
@@ -91,21 +63,18 @@ void PrintRow(const rig::CameraChange& change) {
               Number(change.lens_sigmas, "%.2f").c_str(), rig::VerdictOn(change).c_str());
 }
 
-void PrintTable(const Compared& compared) {
+void PrintTable(const CompareArguments& arguments, const Compared& compared) {
   const rig::CalibrationComparison& comparison = compared.comparison;
+  std::printf("then  %s (%s)\nnow   %s (%s)\n", arguments.before.c_str(),
+              compared.before.id.c_str(), arguments.after.c_str(), compared.after.id.c_str());
   std::printf("%-10s %9s %15s %11s %15s %8s %9s %8s\n", "camera", "moved/mm", "sigma then, now",
               "turned/deg", "sigma then, now", "sigmas", "focal/%", "lens");
   for (const rig::CameraChange& change : comparison.cameras) PrintRow(change);
   std::printf(
-      "%zu cameras are in both; one has moved above %.2f sigmas, of both calibrations together\n",
+      "%zu cameras are in both; more than %.2f sigmas (of both calibrations together) would count "
+      "as moved\n",
       comparison.cameras.size(), comparison.sigmas_limit);
-  if (comparison.inflation > 1) {
-    std::printf("All cameras scatter %.2f times what the calibrations' sigmas say: counted in\n",
-                comparison.inflation);
-  }
-  const std::vector<std::string> changes = rig::ChangesIn(comparison);
-  for (const std::string& change : changes) std::printf("  %s\n", change.c_str());
-  if (changes.empty()) std::printf("No camera moved and no lens changed.\n");
+  PrintComparison(comparison, "No camera moved and no lens changed.");
 }
 
 }  // namespace
@@ -128,9 +97,9 @@ void AddCompare(CLI::App& app, CommonOptions& common, Action& chosen) {
       const Result<Compared> compared = Compare(*arguments);
       if (!compared.ok()) return Fail(compared.error());
       if (common.json) {
-        PrintJson(*compared);
+        PrintJson(*arguments, *compared);
       } else {
-        PrintTable(*compared);
+        PrintTable(*arguments, *compared);
       }
       return kDone;
     };

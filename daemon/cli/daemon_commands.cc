@@ -113,10 +113,9 @@ Result<Json> FollowJob(const ApiClient& client, const Json& job, const CommonOpt
   while (true) {
     const Result<Json> now = client.Get(target);
     if (!now && now.error().code == ErrorCode::kCancelled) {
-      return Error{ErrorCode::kCancelled,
-                   "it goes on without this command; `rotunda jobs --cancel " + job["id"].dump() +
-                       "` ends it",
-                   "job " + job["id"].dump()};
+      const std::string id = job["id"].dump();
+      return Interrupted("; job " + id + " goes on without this command, `rotunda jobs --cancel " +
+                         id + "` ends it");
     }
     if (!now) return now.error();
     const std::string state = (*now)["state"];
@@ -214,17 +213,17 @@ int CaptureByDaemon(const DaemonShot& shot, const CommonOptions& common) {
   const Result<Json> job = RunJob(client, "/v1/captures", body, common);
   if (!job) return Fail(job.error());
   const Json& result = (*job)["result"];
+  const std::string tally = Text(result, "ok") + "/" + Text(result, "of") + " ok";
   if (common.json) {
     PrintJson(result);
   } else {
-    std::printf("%s\ncapture %s\n", Text(result, "summary").c_str(),
-                Text(result, "capture").c_str());
+    std::printf("%s\ncapture %s\n", tally.c_str(), Text(result, "capture").c_str());
     for (const Json& note : result.value("notes", Json::array())) {
       std::printf("%s\n", note.get<std::string>().c_str());
     }
   }
   if (result.value("complete", false)) return kDone;
-  return Fail({ErrorCode::kFailed, Text(result, "summary"), "the set is written, but incomplete"});
+  return Fail({ErrorCode::kFailed, result.value("summary", tally), kIncompleteSet});
 }
 
 int CamerasOfDaemon(const fs::path& socket, const CommonOptions& common) {

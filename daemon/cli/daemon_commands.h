@@ -11,6 +11,9 @@ namespace rotunda::cli {
 /// --socket: where the daemon serves.
 CLI::Option* AddSocketOption(CLI::App* command, std::filesystem::path& socket);
 
+/// What is said of a shot that cameras missed, before its summary.
+inline constexpr char kIncompleteSet[] = "the set is written, but incomplete";
+
 /// A shot by the daemon, with its progress; the exit code.
 struct DaemonShot {
   std::filesystem::path socket;

@@ -13,9 +13,9 @@ CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& na
   command->add_option("--threads", common.threads, "Threads to use; 0: all cores")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  command->footer(
-      "Example:\n  " + example +
-      "\n\nExit status: 0 done, 1 the work failed (reason in one line), 2 wrong usage.");
+  command->footer("Example:\n  " + example +
+                  "\n\nExit status: 0 done, 1 the work failed (reason in one line), 2 wrong usage, "
+                  "130 interrupted by Ctrl-C.");
   return command;
 }
 

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <condition_variable>
 #include <cstdio>
 #include <cstdlib>
@@ -80,9 +81,9 @@ std::string FaultHelp() {
   std::string text =
       "Send one command to cameras that are served:\n"
       "pulse [LINE]   (all cameras take a picture)\n"
-      "shot NUMBER    (what they see next)\n"
+      "shot NUMBER    (which of the frame sets they see next, from 0)\n"
       "list, clear [CAMERA]\n"
-      "fault CAMERA|all KIND [VALUE [FRAMES]]   with KIND one of";
+      "fault CAMERA|all KIND [VALUE [FRAMES]]   with KIND one of these, and VALUE where it has one";
   for (const sim::FaultText& fault : sim::FaultTexts()) {
     text += std::string("\n  ") + fault.name + (*fault.unit ? " " : "") + fault.unit + ": " +
             fault.help;
@@ -168,6 +169,7 @@ Status ServeCameras(const ServeArguments& arguments, const sim::RigOptions& rig,
     camera.exposure_jitter_us = arguments.jitter_us;
   }
   options.source = shots.source;
+  options.shots = std::max(1, static_cast<int>(shots.shots.size()));  // what is rendered is one
   options.socket = SocketOf(arguments);
   options.pulse_advances_shot = !arguments.hold;
   options.seed = simulate.seed;

@@ -150,15 +150,19 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->add_option_function<std::vector<std::string>>(
           "--move",
           [&options](const std::vector<std::string>& words) {
-            sim::MovedCamera moved{words.at(0), 0};
-            if (!CLI::detail::lexical_cast(words.at(1), moved.right_mm)) {
-              throw CLI::ValidationError("--move", "'" + words.at(1) + "' is no number of mm");
+            for (size_t i = 0; i + 1 < words.size(); i += 2) {
+              sim::MovedCamera& moved = options.moved.emplace_back();
+              moved.camera = words[i];
+              if (!CLI::detail::lexical_cast(words[i + 1], moved.right_mm)) {
+                throw CLI::ValidationError("--move", "'" + words[i + 1] + "' is no number of mm");
+              }
             }
-            options.moved = moved;
           },
           "Push a camera so many millimetres to its right after the rig was calibrated: "
-          "calibration.json has it where it was, truth.json where it is")
-      ->expected(2)
+          "calibration.json has it where it was, truth.json where it is. Once for each camera")
+      ->type_size(2)
+      ->expected(1, CLI::detail::expected_max_vector_size)
+      ->allow_extra_args(false)
       ->type_name("CAMERA MM");
   AddServeOptions(command, arguments->serve);
   command->callback([arguments, out, &common, &chosen] {

@@ -10,6 +10,7 @@
 namespace rotunda::cli {
 namespace {
 
+constexpr char kInterruptedWord[] = "interrupted";
 constexpr auto kDrawInterval = std::chrono::milliseconds(100);
 
 sigset_t InterruptSignals() {
@@ -96,10 +97,16 @@ InterruptWatch::InterruptWatch() {
 
 InterruptWatch::~InterruptWatch() = default;
 
+Error Interrupted(const std::string& text) {
+  return {ErrorCode::kCancelled, kInterruptedWord + text, ""};
+}
+
 int Fail(const Error& error) {
-  const std::string reason = error.code == ErrorCode::kCancelled ? "interrupted" : error.ToString();
+  const bool interrupted = error.code == ErrorCode::kCancelled;
+  const bool has_more = error.message.starts_with(kInterruptedWord);
+  const std::string reason = interrupted && !has_more ? kInterruptedWord : error.ToString();
   std::fprintf(stderr, "rotunda: %s\n", reason.c_str());
-  return kFailed;
+  return interrupted ? kInterrupted : kFailed;
 }
 
 }  // namespace rotunda::cli

@@ -65,9 +65,14 @@ class InterruptWatch {
 inline constexpr int kDone = 0;
 inline constexpr int kFailed = 1;
 inline constexpr int kWrongUsage = 2;
+inline constexpr int kInterrupted = 130;  // as shells have it for what Ctrl-C has ended
 
-/// Prints the reason in one line on standard error and gives kFailed. Wrong usage is found by the
-/// parser of the options, before any work begins.
+/// What Ctrl-C has left, or in what it came: `text` goes on after "interrupted".
+Error Interrupted(const std::string& text);
+
+/// Prints the reason in one line on standard error and gives kFailed, or kInterrupted for
+/// kCancelled: then the reason is what Interrupted() has to say, else that word alone. Wrong usage
+/// is found by the parser of the options, before any work begins.
 int Fail(const Error& error);
 
 }  // namespace rotunda::cli

@@ -93,6 +93,10 @@ Result<ServerCommand> ParseFault(const std::vector<std::string>& words) {
     return Refused("fault is \"" + words[2] + "\", expected one of " + names);
   }
   command.fault.kind = text->kind;
+  if (words.size() == 3 && *text->unit != '\0') {
+    return Refused(std::string("\"") + text->name + "\" needs a value, " + text->unit + ": " +
+                   text->help);
+  }
   if (words.size() > 3) {
     ROTUNDA_ASSIGN_OR_RETURN(command.fault.value, ParseNumber<double>(words[3], "value"));
   }

@@ -56,7 +56,8 @@ struct Fault {
 /// A command of the trigger socket:
 ///   pulse [LINE [EDGE_NS [WIDTH_US]]] on input LINE (0), rising at EDGE_NS of the monotonic clock
 ///   shot NUMBER                      what the cameras see next
-///   fault CAMERA KIND [VALUE [FRAMES]]   CAMERA: name, serial number, address or "all"
+///   fault CAMERA KIND [VALUE [FRAMES]]   CAMERA: name, serial number, address or "all"; VALUE must
+///                                    be there when the kind has one
 ///   clear [CAMERA]                   no more faults
 ///   list                             a line a camera
 struct ServerCommand {

@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <charconv>
 #include <chrono>
+#include <climits>
 #include <cstddef>
 #include <cstdio>
 #include <cstring>
@@ -37,6 +38,8 @@ constexpr int kMaxSide_px = 16384;
 constexpr size_t kMaxDatagram_bytes = 2048;
 constexpr int kMaxDatagramsPerWake = 64;
 constexpr int kAnswer_ms = 2000;
+// How answers begin.
+constexpr std::string_view kDone = "ok ", kRefused = "error ";
 constexpr size_t kMaxAnswer_bytes = 64 * 1024;  // "list" of 254 cameras takes 25 kB
 
 /// The one clock of the simulated rig: that of the trigger line.
@@ -411,7 +414,8 @@ void CameraServer::Impl::OnCommand() {
   const Result<std::string> done = command.ok() ? Execute(*command) : command.error();
   // Who has bound no address of its own wants no answer.
   if (from_size <= offsetof(sockaddr_un, sun_path)) return;
-  const std::string answer = done.ok() ? "ok " + *done : "error " + done.error().ToString();
+  const std::string answer =
+      done.ok() ? std::string(kDone) + *done : std::string(kRefused) + done.error().ToString();
   [[maybe_unused]] const ssize_t sent =
       ::sendto(commands.get(), answer.data(), answer.size(), MSG_DONTWAIT,
                reinterpret_cast<const sockaddr*>(&from), from_size);
@@ -436,6 +440,11 @@ Result<std::string> CameraServer::Impl::Execute(const ServerCommand& command) {
     return "edge_ns " + std::to_string(Pulse(pulse));
   }
   if (command.kind == Kind::kShot) {
+    const int last = options.shots > 0 ? options.shots - 1 : INT_MAX;
+    if (command.shot < 0 || command.shot > last) {
+      return Refused("shot", std::to_string(command.shot),
+                     last == 0 ? "0, the only one" : "0 to " + std::to_string(last));
+    }
     const std::lock_guard lock(mutex);
     shot = command.shot;
     return std::string("shot ") + std::to_string(shot);
@@ -525,7 +534,8 @@ Result<std::string> SendServerCommand(const std::filesystem::path& path,
   const ssize_t count = ::recv(socket.get(), answer.data(), answer.size(), 0);
   if (count < 0) return IoError("no answer from the simulator", path.string());
   answer.resize(static_cast<size_t>(count));
-  if (answer.starts_with("ok ")) return answer.substr(3);
+  if (answer.starts_with(kDone)) return answer.substr(kDone.size());
+  if (answer.starts_with(kRefused)) answer.erase(0, kRefused.size());
   return Error{ErrorCode::kFailed, answer.substr(0, answer.find('\n')), path.string()};
 }
 

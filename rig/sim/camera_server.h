@@ -49,6 +49,7 @@ struct CameraServerOptions {
   std::vector<SimulatedCamera> cameras;  // 1 to 254
   FrameSource source;                    // default: PatternSource of the first camera's size
   std::filesystem::path socket;          // of pulses and commands; empty: none
+  int shots = 0;                         // that `source` has, by command "shot"; 0: any number
   bool pulse_advances_shot = true;       // else SetShot alone says what the cameras see
   bool restart_frame_ids = true;         // at AcquisitionStart, as many cameras do
   int path_mtu_bytes = 9000;             // longer packets do not arrive

@@ -77,7 +77,7 @@ Status Validate(const RigOptions& rig, const SimulateOptions& options) {
   return {};
 }
 
-constexpr double kMostMoved_mm = 1000;
+constexpr int kMostMoved_mm = 1000;
 
 Status MoveCamera(const MovedCamera& moved, Calibration& truth) {
   if (!(std::abs(moved.right_mm) <= kMostMoved_mm)) {
@@ -100,7 +100,7 @@ Status MoveCamera(const MovedCamera& moved, Calibration& truth) {
 /// The calibration that was made before any camera was moved.
 Result<Calibration> CalibrationBefore(const RigOptions& rig, const SimulateOptions& options) {
   SimulateOptions before = options;
-  before.moved.reset();
+  before.moved.clear();
   ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, before));
   return DrawCalibration(truth, options.seed);
 }
@@ -179,14 +179,26 @@ Status WritePictures(const World& world, const Calibration& truth, const RigOpti
   return {};
 }
 
+/// Shots of a set a minute apart, so that calibrations from different ones can be told apart.
+std::string TimeOfPlacement(int placement) {
+  constexpr int kMinutesADay = 24 * 60;
+  char text[48];
+  std::snprintf(text, sizeof(text), "2000-01-%02dT%02d:%02d:00Z", 1 + placement / kMinutesADay,
+                placement % kMinutesADay / 60, placement % 60);
+  return text;
+}
+
 /// A frame set into `folder`, which is there and empty.
 Status WriteShot(const RigOptions& rig, const Calibration& truth, const SimulateOptions& options,
                  const std::filesystem::path& folder, RunContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const World world, BuildWorld(rig, options, context));
   FrameSet set;
   set.id = truth.id;
-  if (options.placement > 0) set.id += "-placement-" + std::to_string(options.placement);
-  set.captured_at = truth.created_at;
+  if (options.target == Target::kCuboid) {
+    set.id += "-placement-" + std::to_string(options.placement);
+  }
+  set.captured_at =
+      options.target == Target::kCuboid ? TimeOfPlacement(options.placement) : truth.created_at;
   set.trigger["source"] = "simulated";
   for (const CalibratedCamera& camera : truth.cameras) {
     set.frames.push_back(DescribeFrame(camera, rig));
@@ -213,7 +225,9 @@ Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions&
       DrawRig(rig, DeriveSeed(options.seed, kRigSeed), options.cameras, options.picture_scale);
   truth.id = "simulated-" + std::to_string(options.seed);
   if (options.target == Target::kCuboid) truth.board = BoardOf(options);
-  if (options.moved) ROTUNDA_RETURN_IF_ERROR(MoveCamera(*options.moved, truth));
+  for (const MovedCamera& moved : options.moved) {
+    ROTUNDA_RETURN_IF_ERROR(MoveCamera(moved, truth));
+  }
   return truth;
 }
 
@@ -257,8 +271,8 @@ Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,
                         const std::filesystem::path& out, RunContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const Calibration truth, SimulatedTruth(rig, options));
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
-  ROTUNDA_RETURN_IF_ERROR(WriteShot(rig, truth, options, folder.path(), context));
-  return folder.Commit();
+  const Status written = WriteShot(rig, truth, options, folder.path(), context);
+  return written.ok() ? folder.Commit() : Status(folder.InPlace(written.error()));
 }
 
 Status SimulatePlacements(const RigOptions& rig, const SimulateOptions& options, int count,
@@ -276,8 +290,9 @@ Status SimulatePlacements(const RigOptions& rig, const SimulateOptions& options,
     std::snprintf(name, sizeof(name), "placement_%02d", shot.placement);
     std::error_code failed;
     std::filesystem::create_directory(folder.path() / name, failed);
-    if (failed) return Error{ErrorCode::kIo, failed.message(), (folder.path() / name).string()};
-    ROTUNDA_RETURN_IF_ERROR(WriteShot(rig, truth, shot, folder.path() / name, context));
+    if (failed) return Error{ErrorCode::kIo, failed.message(), (out / name).string()};
+    const Status written = WriteShot(rig, truth, shot, folder.path() / name, context);
+    if (!written.ok()) return folder.InPlace(written.error());
   }
   return folder.Commit();
 }

@@ -2,8 +2,8 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <string>
+#include <vector>
 
 #include "rig/board.h"
 #include "rig/sim/body_shape.h"
@@ -41,13 +41,13 @@ struct SimulateOptions {
   uint64_t seed = 0;
   int cameras = 90;            // how many of the rig's
   double picture_scale = 1.0;  // of the rig's picture size
-  std::optional<MovedCamera> moved;
+  std::vector<MovedCamera> moved;
 };
 
 /// The faces of the target as they really are: the same in every placement of a seed.
 std::vector<CalibratedFace> BoardOf(const SimulateOptions& options);
-/// The exact cameras of the simulated rig, a moved one where it is now. kInvalidArgument names the
-/// option.
+/// The exact cameras of the simulated rig, moved ones where they are now. kInvalidArgument names
+/// the option.
 Result<Calibration> SimulatedTruth(const RigOptions& rig, const SimulateOptions& options);
 
 /// Who or what stands in the rig, dressed and lit.
@@ -59,7 +59,7 @@ Picture RenderPicture(const World& world, const RayScene& scene, const Calibrate
                       const RigSensor& sensor, const SimulateOptions& options);
 
 /// Writes a frame set with truth.json (with the target, also its board) and calibration.json
-/// (DrawCalibration; of the rig before a camera was moved) to `out`, which appears whole or not at
+/// (DrawCalibration; of the rig before cameras were moved) to `out`, which appears whole or not at
 /// all. The bytes depend on the options alone. kInvalidArgument names the option; kCancelled when
 /// stopped.
 Status SimulateFrameSet(const RigOptions& rig, const SimulateOptions& options,

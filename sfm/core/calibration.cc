@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <utility>
 
 #include "sfm/core/file_io.h"
@@ -86,6 +87,31 @@ CalibratedCamera ReadCamera(const JsonField& object) {
   return camera;
 }
 
+Json PrintJson(const FacePrint& print) {
+  Json object;
+  object["columns"] = print.columns;
+  object["rows"] = print.rows;
+  object["square_mm"] = print.square_mm;
+  object["marker_mm"] = print.marker_mm;
+  object["dictionary"] = print.dictionary;
+  object["first_id"] = print.first_id;
+  object["legacy_pattern"] = print.legacy_pattern;
+  return object;
+}
+
+FacePrint ReadPrint(const JsonField& object) {
+  const auto whole = [&](const char* name) {
+    return static_cast<int>(object[name].Unsigned(0, std::numeric_limits<int>::max()));
+  };
+  return {whole("columns"),
+          whole("rows"),
+          object["square_mm"].Number(),
+          object["marker_mm"].Number(),
+          object["dictionary"].String(),
+          whole("first_id"),
+          object["legacy_pattern"].Bool()};
+}
+
 Json FaceJson(const CalibratedFace& face) {
   Json object;
   object["face"] = face.face;
@@ -96,6 +122,7 @@ Json FaceJson(const CalibratedFace& face) {
     object["sigma"]["position_mm"] = face.sigma->position_mm;
     object["sigma"]["bow_mm"] = face.sigma->bow_mm;
   }
+  if (face.print) object["print"] = PrintJson(*face.print);
   return object;
 }
 
@@ -110,6 +137,7 @@ CalibratedFace ReadFace(const JsonField& object) {
     face.sigma = FaceSigma{sigma["rotation_deg"].Number(), sigma["position_mm"].Number(),
                            sigma["bow_mm"].Number()};
   }
+  if (object["print"].present()) face.print = ReadPrint(object["print"]);
   return face;
 }
 

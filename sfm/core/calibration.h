@@ -49,6 +49,15 @@ struct FaceSigma {
   double bow_mm = 0;
 };
 
+/// What is printed on a face: squares, and markers in every other one.
+struct FacePrint {
+  int columns = 0, rows = 0;  // squares
+  double square_mm = 0, marker_mm = 0;
+  std::string dictionary;
+  int first_id = 0;
+  bool legacy_pattern = false;  // of no effect with odd rows
+};
+
 /// A face of the calibration target as it really is. Which target, and what bow means, is the
 /// rig's business (rig/board.h).
 struct CalibratedFace {
@@ -56,6 +65,7 @@ struct CalibratedFace {
   Rigid3 board_from_face;
   Eigen::Vector2d bow_m = Eigen::Vector2d::Zero();
   std::optional<FaceSigma> sigma = std::nullopt;
+  std::optional<FacePrint> print = std::nullopt;  // absent: the calibration does not say
 };
 
 /// How a calibration's corners fitted altogether.

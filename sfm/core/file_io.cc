@@ -109,6 +109,23 @@ Status SyncTree(const fs::path& folder) {
   return Sync(folder, O_DIRECTORY);
 }
 
+/// Whether something can be made at `place`, as far as its folder is concerned; `target` is what
+/// the user called it.
+Status CheckParent(const fs::path& place, const fs::path& target) {
+  std::error_code error;
+  const fs::path parent = ParentOf(place);
+  if (!fs::is_directory(parent, error)) {
+    return Error{ErrorCode::kNotFound,
+                 parent.string() + (fs::exists(parent, error) ? " is not a folder"
+                                                              : " does not exist: make it first"),
+                 target.string()};
+  }
+  if (::faccessat(AT_FDCWD, parent.c_str(), W_OK | X_OK, AT_EACCESS) == 0) return {};
+  return Error{ErrorCode::kInvalidArgument,
+               "cannot write in " + parent.string() + ": " + std::generic_category().message(errno),
+               target.string()};
+}
+
 }  // namespace
 
 Result<std::string> ReadFile(const fs::path& file) {
@@ -194,23 +211,25 @@ Result<OutputFolder> OutputFolder::Begin(const fs::path& target) {
   return OutputFolder(place, std::move(temporary));
 }
 
+Status CheckOutputFile(const fs::path& file) {
+  std::error_code error;
+  const fs::path place = fs::absolute(file, error).lexically_normal();
+  if (error || !place.has_filename()) {
+    return Error{ErrorCode::kInvalidArgument, "expected the name of a file", file.string()};
+  }
+  if (fs::is_directory(place, error)) {
+    return Error{ErrorCode::kInvalidArgument, "is a folder, expected the name of a file",
+                 file.string()};
+  }
+  return CheckParent(place, file);
+}
+
 Status CheckOutputPlace(const fs::path& target, uint64_t bytes) {
   std::error_code error;
   fs::path place = fs::absolute(target, error).lexically_normal();
   if (!place.has_filename()) place = place.parent_path();
   const fs::path parent = ParentOf(place);
-  if (!fs::is_directory(parent, error)) {
-    return Error{ErrorCode::kNotFound,
-                 parent.string() + (fs::exists(parent, error) ? " is not a folder"
-                                                              : " does not exist: make it first"),
-                 target.string()};
-  }
-  if (::faccessat(AT_FDCWD, parent.c_str(), W_OK | X_OK, AT_EACCESS) != 0) {
-    return Error{
-        ErrorCode::kInvalidArgument,
-        "cannot write in " + parent.string() + ": " + std::generic_category().message(errno),
-        target.string()};
-  }
+  ROTUNDA_RETURN_IF_ERROR(CheckParent(place, target));
   // Only making a folder there tells all reasons that there may be.
   const Result<OutputFolder> probe = OutputFolder::Begin(place);
   if (!probe) return probe.error();
@@ -224,8 +243,17 @@ Status CheckOutputPlace(const fs::path& target, uint64_t bytes) {
                parent.string()};
 }
 
+Error OutputFolder::InPlace(const Error& error) const {
+  const std::string temporary = temporary_.string();
+  const size_t place = temporary.empty() ? std::string::npos : error.context.find(temporary);
+  if (place == std::string::npos) return error;
+  Error told = error;
+  told.context.replace(place, temporary.size(), target_.string());
+  return told;
+}
+
 Status OutputFolder::Commit() {
-  ROTUNDA_RETURN_IF_ERROR(SyncTree(temporary_));
+  if (const Status synced = SyncTree(temporary_); !synced.ok()) return InPlace(synced.error());
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) {
     if (errno == ENOTEMPTY || errno == EEXIST || errno == ENOTDIR) {
       return Error{ErrorCode::kAlreadyExists, "has come into being while the work was going on",

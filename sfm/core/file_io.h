@@ -19,6 +19,11 @@ Status WriteNewFile(const std::filesystem::path& file, std::string_view bytes);
 /// Writes beside `file`, fsyncs and renames over it: a reader sees the old text or the new one.
 Status WriteFileAtomically(const std::filesystem::path& file, std::string_view bytes);
 
+/// Whether WriteFileAtomically can put `file` into place, before the work that makes it:
+/// kInvalidArgument when it is a folder or its folder may not be written, kNotFound when that is
+/// not there.
+Status CheckOutputFile(const std::filesystem::path& file);
+
 /// Whether `target` can become a folder with `bytes` in it, now and by this user. What will not
 /// pass by itself: kNotFound when the folder it is to stand in is not there, kInvalidArgument when
 /// that may not be written, kAlreadyExists as OutputFolder::Begin. kIo: too little room, or any
@@ -39,6 +44,8 @@ class OutputFolder {
 
   /// Where to write.
   const std::filesystem::path& path() const { return temporary_; }
+  /// The error of writing there, about the place where it was to be in the end.
+  Error InPlace(const Error& error) const;
   /// kIo (with errno's text, e.g. "No space left on device") when a file cannot be made durable.
   Status Commit();
 

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "rig/calibration_checks.h"
 #include "rig/calibration_comparison.h"
 #include "rig/marker_detection.h"
 #include "rig/sim/board_object.h"
@@ -264,6 +265,19 @@ void Print(const std::vector<Named>& said) {
   for (const Named& one : said) std::printf("      %s: %s\n", one.who.c_str(), one.what.c_str());
 }
 
+/// Single pictures, shots and cameras that are wrong make neither the board file nor the
+/// calibration as a whole doubtful.
+void KeepTrust(const std::string& name, const World& world, const CalibrationRun& run,
+               Verdict& verdict) {
+  const rig::Board& board = world.options.board;
+  const auto checks = rig::CheckCameras(board, world.sightings, run.result, {});
+  std::vector<std::string> doubts = rig::DoubtsOnFit(run.file, checks, nullptr, {});
+  doubts.push_back(rig::DoubtOnBoard(board, world.sightings, &run.result, {}));
+  for (const std::string& doubt : doubts) {
+    verdict.Must(name + ": no doubt of '" + doubt + "'", doubt.empty());
+  }
+}
+
 /// Spoils the pictures, calibrates, prints what came of it and judges that.
 void BenchRow(const MeanInput& input, const World& clean, const Calibration& earlier,
               ThreadPool& threads, Verdict& verdict) {
@@ -279,6 +293,7 @@ void BenchRow(const MeanInput& input, const World& clean, const Calibration& ear
                errors.registered == expected.calibrated);
   verdict.AtMost(input.name + ": mean rotation, deg", errors.mean_rotation_deg, kMaxRotation_deg);
   verdict.AtMost(input.name + ": mean position, mm", errors.mean_position_mm, kMaxPosition_mm);
+  KeepTrust(input.name, world, run, verdict);
   const std::vector<Named> left_out = LeftOut(world, run.result);
   Print(left_out);
   MustSay(input.name, left_out, expected.left_out, verdict);

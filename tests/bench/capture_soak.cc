@@ -186,7 +186,7 @@ class Soak {
     double last_ms = 0;
     for (size_t i = 0; i < shot.cameras.size(); ++i) {
       const rig::CameraShot& camera = shot.cameras[i];
-      last_ms = std::max(last_ms, camera.arrival_ms);
+      last_ms = std::max(last_ms, camera.arrival_ms.value_or(0));
       if (!camera.frame) continue;
       const rig::CameraFrame& frame = *camera.frame;
       const size_t size = static_cast<size_t>(frame.width_px) * frame.height_px;

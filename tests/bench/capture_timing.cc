@@ -252,7 +252,7 @@ rig::FrameSetOrder OrderTo(const std::filesystem::path& out) {
 double LastFrame_s(const rig::Shot& shot) {
   double last_ms = 0;
   for (const rig::CameraShot& camera : shot.cameras) {
-    last_ms = std::max(last_ms, camera.arrival_ms);
+    last_ms = std::max(last_ms, camera.arrival_ms.value_or(0));
   }
   return 1e-3 * last_ms;
 }

@@ -1,7 +1,6 @@
 #include "tests/bench/daemon_checks.h"
 
 #include <sqlite3.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -15,6 +14,7 @@
 #include "daemon/capture_job.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_jobs.h"
+#include "sfm/core/checksum.h"
 #include "sfm/core/file_io.h"
 
 namespace rotunda::bench {
@@ -26,13 +26,6 @@ using std::chrono::milliseconds;
 
 constexpr auto kPollInterval = milliseconds(30);
 constexpr char kScale[] = "0.3";
-
-std::string ChecksumOf(const std::string& bytes) {
-  char sum[17];
-  std::snprintf(sum, sizeof(sum), "%016llx",
-                static_cast<unsigned long long>(XXH3_64bits(bytes.data(), bytes.size())));
-  return sum;
-}
 
 template <typename Record, typename List>
 std::vector<Record> AllOf(const List& list) {
@@ -55,7 +48,7 @@ size_t ComparePictures(daemon::Store& store, const fs::path& state, const std::s
     if (frame.file.empty()) continue;
     const auto bytes = ReadFile(state / frame.file);
     Require(bytes.ok(), frame.file + " cannot be read");
-    Require(ChecksumOf(*bytes) == frame.xxh3, frame.file + " is not what was taken");
+    Require(Xxh3Text(*bytes) == frame.xxh3, frame.file + " is not what was taken");
     ++compared;
   }
   return compared;

@@ -113,7 +113,16 @@ INSTANTIATE_TEST_SUITE_P(
         BadText{"[cuboid]\ntop = 1\n", "my.toml:2: cuboid.top", "expected true or false"},
         BadText{"[cuboid]\n[[face]]\nname='a'\n", "my.toml:1: cuboid", "expected one of them"},
         BadText{"[board]\nsquare_mm = 0\n[[face]]\nname='a'\ncolumns=3\nrows=3\n",
-                "my.toml:3: face[0].square_mm", "is 0, allowed is 0.1"},
+                "my.toml:2: board.square_mm", "is 0, allowed is 0.1"},
+        BadText{"[board]\nmarker_mm = 99\n", "my.toml:2: board.marker_mm", "is 99, allowed is 0.3"},
+        BadText{"[board]\nsquare_mm = 60\n[[face]]\nname='a'\ncolumns=3\nrows=3\nsquare_mm=0\n",
+                "my.toml:7: face[0].square_mm", "is 0, allowed is 0.1"},
+        BadText{"[rig_frame]\nfront_deg = inf\n", "my.toml:2: rig_frame.front_deg",
+                "is inf, allowed is a finite number"},
+        BadText{"[rig_frame]\nboard_origin_mm = [0, nan, 0]\n",
+                "my.toml:2: rig_frame.board_origin_mm", "three finite numbers"},
+        BadText{"[cuboid]\nrows = [25]\n", "my.toml:2: cuboid.rows",
+                "is an array, expected an integer"},
         BadText{"[[face]]\nname='a'\ncolumns=3\nrows=4\n", "my.toml:1: face[0].legacy_pattern",
                 "is missing"},
         BadText{"[[face]]\nname='a'\ncolumns=3\nrows=3\ndictionary='8X8'\n",
@@ -128,6 +137,39 @@ INSTANTIATE_TEST_SUITE_P(
         BadText{"[[face]]\ncolumns=3\nrows=3\n", "my.toml:1: face[0].name", "is empty"},
         BadText{"[[face]]\nname=3\n", "my.toml:2: face[0].name", "expected a string"},
         BadText{"[[faces]]\nname='a'\n", "my.toml:1: faces[0]", "allowed are the tables board"}));
+
+TEST(BoardConfig, EverythingThatIsWrongIsNamedOnce) {
+  const auto texts = [](const std::string& file) {
+    std::vector<std::string> texts;
+    for (const Error& problem : CheckBoard(file, "b.toml").problems) {
+      texts.push_back(problem.ToString());
+    }
+    return texts;
+  };
+  EXPECT_EQ(texts("[board]\nsquare_mm = 0\nbow_sigma_mm = -1\ncolour = 3\n"
+                  "[cuboid]\nrows = 7\ntop = 1\n"),
+            (std::vector<std::string>{
+                "b.toml:4: board.colour: is not known; allowed are name, dictionary, square_mm, "
+                "marker_mm, margin_mm, face_position_sigma_mm, face_rotation_sigma_deg, "
+                "bow_sigma_mm",
+                "b.toml:7: cuboid.top: is an integer, expected true or false",
+                "b.toml:2: board.square_mm: is 0, allowed is 0.1 to 10000",
+                "b.toml:3: board.bow_sigma_mm: is -1, allowed is 0 or more"}));
+  EXPECT_EQ(texts("[cuboid]\nrows = 4\ncolumns = 'x'\n").size(), 2u);
+  EXPECT_EQ(texts("[cuboid]\nrows = 4\ncolumns = 100\n").size(), 2u);
+  EXPECT_EQ(texts("[[face]]\nname='a'\ncolumns=3\nrows=1\nright=[0,0,0]\n"
+                  "[[face]]\nname='a'\ncolumns=2000000000\nrows=2000000000\nlegacy_pattern=true\n"
+                  "[[face]]\nname='c'\ncolumns=3\nrows=3\nfirst_id=-1\nmarker_mm=0\n"),
+            (std::vector<std::string>{
+                "b.toml:5: face[0].right: and down must be two directions, found one of no length",
+                "b.toml:4: face[0].rows: is 1, allowed is 2 to 200",
+                "b.toml:7: face[1].name: is 'a', allowed is what no other face is called",
+                "b.toml:8: face[1].columns: is 2000000000, allowed is 2 to 200",
+                "b.toml:9: face[1].rows: is 2000000000, allowed is 2 to 200",
+                "b.toml:16: face[2].marker_mm: is 0, allowed is 0.3 to 0.95 of square_mm",
+                "b.toml:15: face[2].first_id: is -1, allowed is 0 to 583, so that the face's 4 ids "
+                "are in APRILTAG_36h11"}));
+}
 
 }  // namespace
 }  // namespace rotunda::config

@@ -90,20 +90,24 @@ TEST_P(BadCapture, IsRefusedWithFileLineKeyAndWhatIsAllowed) {
 
 INSTANTIATE_TEST_SUITE_P(
     Rows, BadCapture,
-    testing::Values(BadText{"[capture]\nexposure = 5\n", "my.toml:2: capture.exposure",
-                            "is not known; allowed are width_px"},
-                    BadText{"[capture]\nptp = 1\n", "my.toml:2: capture.ptp",
-                            "expected true or false"},
-                    BadText{"[capture]\nexposure_us = -5\n", "my.toml:2: capture.exposure_us",
-                            "is -5, expected 1 to"},
-                    BadText{"[capture]\npixel_format = \"Mono12\"\n",
-                            "my.toml:2: capture.pixel_format", "is \"Mono12\", expected Mono8"},
-                    BadText{"[capture]\nwidth_px = 20000\nheight_px = 20000\n",
-                            "my.toml:4: uplinks.u", "frames of 400 MB need 3"},
-                    BadText{"[cameras.x]\nuplink = \"u\"\n", "my.toml:1: cameras.x",
-                            "neither serial nor address"},
-                    BadText{"[cameras.x]\nserial = \"S9\"\nuplink = \"v\"\n",
-                            "my.toml:3: cameras.x.uplink", "is \"v\", which is not in [uplinks]"}));
+    testing::Values(
+        BadText{"[capture]\nexposure = 5\n", "my.toml:2: capture.exposure",
+                "is not known; allowed are width_px"},
+        BadText{"[capture]\nptp = 1\n", "my.toml:2: capture.ptp", "expected true or false"},
+        BadText{"[capture]\nexposure_us = -5\n", "my.toml:2: capture.exposure_us",
+                "is -5, expected 1 to"},
+        BadText{"[capture]\npixel_format = \"Mono12\"\n", "my.toml:2: capture.pixel_format",
+                "is \"Mono12\", expected Mono8"},
+        BadText{"[capture]\nwidth_px = 20000\nheight_px = 20000\n", "my.toml:4: uplinks.u",
+                "frames of 400 MB need 3"},
+        BadText{"[cameras.x]\nuplink = \"u\"\n", "my.toml:1: cameras.x",
+                "neither serial nor address"},
+        BadText{"[cameras.x]\naddress = \"localhost\"\nuplink = \"u\"\n",
+                "my.toml:2: cameras.x.address", "is \"localhost\", expected an IPv4 address"},
+        BadText{"[cameras.x]\naddress = \"10.0.0.256\"\nuplink = \"u\"\n",
+                "my.toml:2: cameras.x.address", "is \"10.0.0.256\""},
+        BadText{"[cameras.x]\nserial = \"S9\"\nuplink = \"v\"\n", "my.toml:3: cameras.x.uplink",
+                "is \"v\", which is not in [uplinks]"}));
 
 TEST(CaptureConfig, NamesThatCouldLeaveTheirFolderAreRefused) {
   for (const char* name : {"..", ".x", "a/b", "a b", "", "\u00e4"}) {

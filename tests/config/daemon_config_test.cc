@@ -52,7 +52,7 @@ TEST(DaemonConfig, EverythingThatIsWrongIsNamedWithItsLine) {
       "x.toml");
   EXPECT_EQ(Texts(checked.problems),
             (std::vector<std::string>{
-                "x.toml:2: service.socket: is a integer, expected a string",
+                "x.toml:2: service.socket: is an integer, expected a string",
                 "x.toml:7: http.colour: is not known; allowed are header_bytes, body_bytes, "
                 "connections, streams, request_ms, write_ms, heartbeat_ms, threads",
                 "x.toml:10: food: is not known; allowed are the tables service, access, http, "
@@ -62,6 +62,18 @@ TEST(DaemonConfig, EverythingThatIsWrongIsNamedWithItsLine) {
                 "x.toml:5: http.streams: is 200, expected less than http.connections, which is 128",
                 "x.toml:3: service.log_level: is \"loud\", expected \"debug\", \"info\", "
                 "\"warning\" or \"error\""}));
+}
+
+TEST(DaemonConfig, TheEndComesAfterTheLastAnswerAndBeforeSystemdKills) {
+  EXPECT_EQ(
+      Texts(CheckDaemonConfigText("[service]\nstop_ms = 2000\nend_ms = 2000\n", "x").problems),
+      (std::vector<std::string>{"x:3: service.end_ms: is 2000, expected more than "
+                                "service.stop_ms, which is 2000"}));
+  EXPECT_EQ(Texts(CheckDaemonConfigText("[service]\nend_ms = 60000\n", "x").problems),
+            (std::vector<std::string>{"x:2: service.end_ms: is 60000, expected 1000 to 55000"}));
+  std::ifstream unit(fs::path(ROTUNDA_SOURCE_DIR) / "systemd" / "rotunda.service.in");
+  const std::string text(std::istreambuf_iterator<char>(unit), {});
+  EXPECT_NE(text.find("\nTimeoutStopSec=60s\n"), std::string::npos);
 }
 
 TEST(DaemonConfig, PathsAreAbsoluteOrBesideTheFile) {
@@ -79,12 +91,49 @@ TEST(DaemonConfig, TheFilesItNamesAreCheckedToo) {
   std::ofstream(folder / "c.toml")
       << "[capture]\nwidth_px = \"wide\"\n[trigger]\nline = \"x\"\n[cameras.a]\nserial = 5\n";
   const auto problems = Texts(CheckDaemonConfig(folder / "d.toml").problems);
-  ASSERT_EQ(problems.size(), 4u);
+  ASSERT_EQ(problems.size(), 5u);
   EXPECT_NE(problems[0].find("c.toml:2: capture.width_px"), std::string::npos) << problems[0];
   EXPECT_NE(problems[1].find("c.toml:4: trigger.line"), std::string::npos) << problems[1];
   EXPECT_NE(problems[2].find("c.toml:6: cameras.a.serial"), std::string::npos) << problems[2];
-  EXPECT_NE(problems[3].find("gone.toml"), std::string::npos) << problems[3];
+  EXPECT_NE(problems[3].find("c.toml:5: cameras.a.uplink"), std::string::npos) << problems[3];
+  EXPECT_NE(problems[4].find("gone.toml"), std::string::npos) << problems[4];
   EXPECT_EQ(CheckDaemonConfig(folder / "none.toml").problems.size(), 1u);
+}
+
+/// Wrong types, values and places in all three files, in one go.
+TEST(DaemonConfig, EverythingThatIsWrongInTheOtherFilesIsNamedWithItsLine) {
+  const test::TemporaryFolder folder;
+  std::ofstream(folder / "d.toml")
+      << "[devices]\ncapture = \"c.toml\"\nboard = \"b.toml\"\nready_ms = -1\n";
+  std::ofstream(folder / "c.toml") << "[capture]\nwidth_px = -1\narm_ms = \"long\"\n"
+                                      "pixel_format = \"YUV\"\nretries = 11\n"
+                                      "[trigger]\nline = 5000\n"
+                                      "[uplinks.u]\nmbit_per_s = 0\n"
+                                      "[cameras.a]\nserial = 5\n[cameras.b]\nuplink = \"v\"\n"
+                                      "[cameras.c]\nserial = \"1\"\n[cameras.d]\nserial = \"1\"\n";
+  std::ofstream(folder / "b.toml") << "[cuboid]\nrows = 4\n[rig_frame]\nfront_deg = \"x\"\n";
+  std::vector<std::string> told;
+  for (const std::string& text : Texts(CheckDaemonConfig(folder / "d.toml").problems)) {
+    ASSERT_TRUE(text.starts_with(folder.path().string() + "/")) << text;
+    told.push_back(text.substr(folder.path().string().size() + 1));
+  }
+  EXPECT_EQ(told,
+            (std::vector<std::string>{
+                "d.toml:4: devices.ready_ms: is -1, expected 0 to 3600000",
+                "c.toml:3: capture.arm_ms: is a string, expected an integer",
+                "c.toml:11: cameras.a.serial: is an integer, expected a string",
+                "c.toml:12: cameras.b: has neither serial nor address, expected at least one",
+                "c.toml:13: cameras.b.uplink: is \"v\", which is not in [uplinks]",
+                "c.toml:16: cameras.d: \"1\" is already that of c",
+                "c.toml:9: uplinks.u.mbit_per_s: is 0, expected 10 to 400000",
+                "c.toml:5: capture.retries: is 11, expected 0 to 10",
+                "c.toml:2: capture.width_px: is -1, expected 0 to 65535",
+                "c.toml:4: capture.pixel_format: is \"YUV\", expected Mono8, BayerRG8, BayerGB8, "
+                "BayerGR8, BayerBG8 or RGB8",
+                "c.toml:7: trigger.line: is 5000, expected 0 to 1023",
+                "b.toml:4: rig_frame.front_deg: is a string, expected a number",
+                "b.toml:2: cuboid.rows: is 4, allowed is an odd number from 3 to 99 (versions of "
+                "OpenCV draw even ones differently)"}));
 }
 
 TEST(DaemonConfig, SaysWhatTakesARestart) {
@@ -92,10 +141,13 @@ TEST(DaemonConfig, SaysWhatTakesARestart) {
   wanted.service.socket = "/x";
   wanted.service.log_level = "debug";
   wanted.storage.keep_days = 7;
+  wanted.storage.keep_count = 8;
+  wanted.storage.reserve_mb = 9;
+  wanted.service.end_ms = 20000;
   wanted.access.viewer_group = "others";
   wanted.drift.position_mm = 1;
   EXPECT_EQ(NeedsRestart(running, wanted),
-            (std::vector<std::string>{"service.socket", "drift.position_mm"}));
+            (std::vector<std::string>{"service.socket", "service.end_ms", "drift.position_mm"}));
 }
 
 TEST(DaemonConfig, AChangeInTheCamerasFileTakesARestart) {

@@ -104,7 +104,7 @@ class Api : public testing::Test {
                          station_,
                          "1.2.3",
                          state_.store().Now(),
-                         0,
+                         [] { return uint64_t{0}; },
                          [] { return HttpCounters(); }};
     router_ = std::make_unique<Router>(
         ApiRoutes(parts), std::map<Role, std::string>{{Role::kViewer, "a member of group 'v'"},
@@ -290,6 +290,102 @@ TEST_F(Api, ListsComeInPages) {
   for (const char* query : {"limit=0", "limit=501", "limit=-1", "limit=99999999999999999999",
                             "limit=2x", "limit=", "after=..", "after=a%20b", "offset=1"}) {
     EXPECT_EQ(Get(std::string("/v1/captures?") + query).status, 400) << query;
+  }
+}
+
+/// Lists of five: captures, reconstructions of the first, calibrations, jobs, drift of c1.
+class ApiLists : public Api {
+ protected:
+  ApiLists() {
+    Fill();
+    for (int i = 2; i <= 5; ++i) {
+      const std::string number = std::to_string(i), capture = "x" + number;
+      AddReconstruction(std::string(kCapture) + "-r" + number, kCapture);
+      test::WriteCalibrationFolder(state_.store().CalibrationFolder("charuco-" + number),
+                                   TwoCameras());
+      EXPECT_TRUE(RecordCalibration(state_.store(), "charuco-" + number));
+      test::WriteTinyFrameSet(state_.store().CaptureFolder(capture),
+                              "2026-01-0" + number + "T10:00:00Z");
+      EXPECT_TRUE(RecordCapture(state_.store(), capture, std::nullopt));
+      AddReconstruction(capture + "-r1", capture);
+    }
+    for (int i = 0; i < 5; ++i) EXPECT_EQ(Call("POST", "/v1/captures").status, 202);
+  }
+  void AddReconstruction(const std::string& id, const std::string& capture) {
+    PoseSet poses = MovedPoses();
+    poses.frameset = capture;
+    const auto folder = state_.store().ReconstructionFolder(id);
+    std::filesystem::create_directories(folder);
+    std::ofstream(folder / "poses.json") << PoseSetToJson(poses);
+    EXPECT_TRUE(RecordReconstruction(state_.store(), id));
+  }
+  /// How many items each page has when at most two may be; every item comes once.
+  std::vector<size_t> Pages(const std::string& target, const std::string& schema,
+                            const std::string& key) {
+    std::vector<size_t> sizes;
+    std::set<std::string> seen;
+    std::string after;
+    do {
+      const Json page =
+          Checked(Get(target + "limit=2" + (after.empty() ? "" : "&after=" + after)), schema);
+      for (const Json& item : page["items"]) {
+        EXPECT_TRUE(seen.insert(item[key].dump()).second) << target << item;
+      }
+      sizes.push_back(page["items"].size());
+      after = page.value("next", "");
+    } while (!after.empty() && sizes.size() < 10);
+    return sizes;
+  }
+};
+
+TEST_F(ApiLists, AllThatCanGrowComeInPages) {
+  const std::string capture = "/v1/captures/" + std::string(kCapture);
+  struct List {
+    std::string target, schema, key;
+  };
+  for (const List& list :
+       {List{"/v1/captures?", "CapturePage", "id"},
+        List{capture + "/reconstructions?", "ReconstructionPage", "id"},
+        List{"/v1/calibrations?", "CalibrationPage", "id"}, List{"/v1/jobs?", "JobPage", "id"},
+        List{"/v1/drift?camera=c1&", "DriftPage", "capture"}}) {
+    EXPECT_EQ(Pages(list.target, list.schema, list.key), (std::vector<size_t>{2, 2, 1}))
+        << list.target;
+    for (const char* query : {"limit=0", "limit=501", "limit=x", "after=..", "offset=1"}) {
+      EXPECT_EQ(Get(list.target + query).status, 400) << list.target << query;
+    }
+    EXPECT_EQ(Get(list.target + "after=none").status, 404) << list.target;
+  }
+  EXPECT_EQ(Get("/v1/captures/none/reconstructions").status, 404);
+  EXPECT_EQ(Checked(Get(capture), "CaptureDetail")["reconstructions"].size(), 5u);
+}
+
+TEST_F(Api, EveryRouteOfTheDesignIsServed) {
+  std::set<std::string> served;
+  for (const Route& route : router_->routes()) served.insert(route.method + " " + route.path);
+  for (const char* route : {"GET /v1/status",
+                            "GET /v1/cameras",
+                            "GET /v1/cameras/{camera}",
+                            "GET /v1/cameras/{camera}/preview.jpg",
+                            "POST /v1/captures",
+                            "GET /v1/captures",
+                            "GET /v1/captures/{capture}",
+                            "GET /v1/captures/{capture}/frames/{camera}.png",
+                            "GET /v1/captures/{capture}/poses",
+                            "GET /v1/captures/{capture}/report",
+                            "GET /v1/captures/{capture}/export",
+                            "POST /v1/calibrations",
+                            "GET /v1/calibrations",
+                            "GET /v1/calibrations/{calibration}",
+                            "POST /v1/calibrations/{calibration}/activate",
+                            "POST /v1/captures/{capture}/reconstructions",
+                            "GET /v1/reconstructions/{reconstruction}",
+                            "GET /v1/drift",
+                            "GET /v1/jobs",
+                            "GET /v1/jobs/{job}",
+                            "DELETE /v1/jobs/{job}",
+                            "GET /v1/events",
+                            "GET /metrics"}) {
+    EXPECT_TRUE(served.contains(route)) << route;
   }
 }
 

@@ -87,7 +87,9 @@ class CaptureJobTest : public ::testing::Test {
     queue_.reset();
     queue_ = std::make_unique<JobQueue>(
         store(),
-        JobHandlers{MakeCaptureHandler(store(), *station_, {reserve_bytes}), Idle(), Idle()},
+        JobHandlers{
+            MakeCaptureHandler(store(), *station_, {[reserve_bytes] { return reserve_bytes; }}),
+            Idle(), Idle()},
         options);
   }
   Store& store() { return state_.store(); }

@@ -21,6 +21,7 @@
 #include <thread>
 #include <vector>
 
+#include "daemon/http_listener.h"
 #include "tests/support/process.h"
 #include "tests/support/unix_http.h"
 
@@ -234,6 +235,15 @@ TEST_F(HttpServerTest, AClientThatIsTooSlowLosesItsConnection) {
     EXPECT_EQ(connection->ReadAll(), "");
     EXPECT_TRUE(connection->closed());
   }
+  // The log names those that had begun to ask.
+  while (Log().size() < 3) std::this_thread::sleep_for(milliseconds(1));
+  server_ = nullptr;
+  EXPECT_EQ(Log().size(), 3u);
+  int slow = 0;
+  for (const AccessEntry& entry : Log()) {
+    slow += entry.status == 0 && entry.method.empty() && entry.peer.pid == getpid();
+  }
+  EXPECT_EQ(slow, 2);
 }
 
 TEST_F(HttpServerTest, AClientThatTakesNothingLosesItsConnectionAndHoldsUpNobody) {
@@ -316,6 +326,9 @@ TEST_F(HttpServerTest, TooManyConnectionsAreTurnedAway) {
   EXPECT_EQ(refusal.headers.at("content-type"), "application/problem+json");
   EXPECT_NE(refusal.body.find("3 connections"), std::string::npos) << refusal.body;
   EXPECT_EQ(server_->counters().refused_connections, 1u);
+  while (Log().size() < 4) std::this_thread::sleep_for(milliseconds(1));
+  EXPECT_EQ(Log().back().status, 503);
+  EXPECT_EQ(Log().back().peer.pid, getpid());
   taken.pop_back();
   while (server_->counters().connections == 3) std::this_thread::sleep_for(milliseconds(1));
   EXPECT_EQ(Ask(Socket(), "GET", "/").status, 200);

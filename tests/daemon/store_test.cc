@@ -197,6 +197,27 @@ TEST(Store, HasOneCalibrationInForce) {
   EXPECT_EQ(ListCalibrations(state.store(), {})->items.size(), 2u);
 }
 
+TEST(Store, WritesAheadSyncsFullyAndKeepsReferences) {
+  DaemonState state;
+  ASSERT_TRUE(state.store()
+                  .Write([](Database& database, auto&) -> Status {
+                    Statement mode = database.Prepare("PRAGMA journal_mode");
+                    EXPECT_TRUE(mode.Step());
+                    EXPECT_EQ(mode.Text(), "wal");
+                    EXPECT_EQ(*database.Number("PRAGMA synchronous"), 2) << "FULL";
+                    EXPECT_EQ(*database.Number("PRAGMA foreign_keys"), 1);
+                    return {};
+                  })
+                  .ok());
+  EXPECT_FALSE(state.store()
+                   .Write([](Database& database, auto&) {
+                     return database.Execute(
+                         "INSERT INTO frames VALUES ('none', 'c0', '', '', 'ok', '', 8, 8)");
+                   })
+                   .ok())
+      << "a frame of no capture";
+}
+
 TEST(Store, RefusesASecondDaemon) {
   DaemonState state;
   const auto second = state.TryOpen();
@@ -382,7 +403,8 @@ TEST(Store, PagesThroughTwoThousandCaptures) {
                         "WHERE i + 1 < " +
                         std::to_string(kFrames) +
                         ") "
-                        "INSERT INTO frames SELECT id, printf('c%02d', i), '', 'f', 'ok', "
+                        "INSERT INTO frames SELECT id, printf('c%02d', i), '', "
+                        "'captures/' || id || '/f', 'ok', "
                         "'0123456789abcdef', 1200, 1600 FROM captures, n");
                   })
                   .ok());

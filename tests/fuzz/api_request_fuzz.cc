@@ -36,10 +36,10 @@ class Api {
     }
     jobs_ = std::make_unique<daemon::JobQueue>(*store_, std::move(handlers),
                                                daemon::JobQueue::Options());
-    router_ =
-        std::make_unique<daemon::Router>(daemon::ApiRoutes({*store_, *jobs_, station_, "0", "", 0,
-                                                            [] { return daemon::HttpCounters(); }}),
-                                         std::map<daemon::Role, std::string>{});
+    router_ = std::make_unique<daemon::Router>(
+        daemon::ApiRoutes({*store_, *jobs_, station_, "0", "", [] { return uint64_t{0}; },
+                           [] { return daemon::HttpCounters(); }}),
+        std::map<daemon::Role, std::string>{});
   }
   ~Api() {
     router_.reset();

@@ -176,5 +176,60 @@ TEST(BoardDrawing, SvgAndPdfShowOpenCvsMarkersAtTrueSize) {
   }
 }
 
+/// As a calibration from this board has it: every face, a little off its drawing.
+Calibration MadeWith(const Board& board) {
+  Calibration calibration;
+  calibration.board = DrawnFaces(board);
+  for (size_t f = 0; f < board.faces.size(); ++f) {
+    calibration.board[f].print = PrintOf(board.faces[f]);
+    calibration.board[f].board_from_face.translation.x() += 0.1;
+  }
+  return calibration;
+}
+
+TEST(SameTarget, WhereTheFacesStandMayDiffer) {
+  const Board board = CuboidBoard({});
+  EXPECT_TRUE(CheckSameTarget(board, MadeWith(board), "monday.json").ok());
+  EXPECT_EQ(TargetChange(MadeWith(board), MadeWith(board)), "");
+  EXPECT_TRUE(CheckSameTarget(board, Calibration(), "monday.json").ok()) << "it does not say";
+  Calibration unsaid = MadeWith(board);
+  for (CalibratedFace& face : unsaid.board) face.print.reset();
+  EXPECT_TRUE(CheckSameTarget(CuboidBoard({.rows = 23}), unsaid, "monday.json").ok());
+}
+
+/// Another target than the shipped one is refused, with its difference.
+void ExpectRefused(const Board& board, const std::string& context, const std::string& says) {
+  const Status same = CheckSameTarget(board, MadeWith(CuboidBoard({})), "monday.json");
+  ASSERT_FALSE(same.ok()) << context;
+  EXPECT_EQ(same.error().code, ErrorCode::kBadInput);
+  EXPECT_EQ(same.error().context, context);
+  EXPECT_NE(same.error().message.find(says), std::string::npos) << same.error().message;
+}
+
+TEST(SameTarget, WhatIsPrintedMayNot) {
+  const std::string made = ", but monday.json was made with ";
+  ExpectRefused(CuboidBoard({.rows = 23}), "rows of face 'front'", "is 23" + made + "25");
+  ExpectRefused(CuboidBoard({.columns = 9}), "columns of face 'front'", "is 9" + made + "7");
+  ExpectRefused(CuboidBoard({.square_m = 0.061}), "square_mm of face 'front'",
+                "is 61" + made + "60");
+  ExpectRefused(CuboidBoard({.marker_m = 0.044}), "marker_mm of face 'front'",
+                "is 44" + made + "45");
+  ExpectRefused(CuboidBoard({.dictionary = "APRILTAG_36h10"}), "dictionary of face 'front'",
+                "is APRILTAG_36h10" + made + "APRILTAG_36h11");
+  ExpectRefused(CuboidBoard({.top = false}), "face 'top'", "is not there, but monday.json");
+  Board shifted = CuboidBoard({});
+  for (BoardFace& face : shifted.faces) ++face.first_id;
+  ExpectRefused(shifted, "first_id of face 'front'", "is 1" + made + "0");
+  EXPECT_EQ(TargetChange(MadeWith(CuboidBoard({})), MadeWith(CuboidBoard({.rows = 23}))),
+            "rows of face 'front': 25 before, 23 after");
+}
+
+TEST(SameTarget, LengthsAsAFileRoundsThemAreTheSame) {
+  const Board board = CuboidBoard({.square_m = 1e-3 * 60.3});
+  Calibration monday = MadeWith(board);
+  monday.board[0].print->square_mm = 60.3;
+  EXPECT_TRUE(CheckSameTarget(board, monday, "monday.json").ok());
+}
+
 }  // namespace
 }  // namespace rotunda::rig

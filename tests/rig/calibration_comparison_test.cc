@@ -74,6 +74,37 @@ TEST(CalibrationComparison, AnotherRigsCalibrationIsToldAndNotCountedAway) {
   }
 }
 
+TEST(CalibrationComparison, AnotherSquareIsTheReasonWhenAllStandFartherApart) {
+  Calibration after = Draw(2);
+  for (CalibratedCamera& camera : after.cameras) camera.cam_from_rig.translation *= 61.0 / 60;
+  const auto comparison = CompareCalibrations(Draw(1), after, {});
+  ASSERT_TRUE(comparison.ok());
+  EXPECT_FALSE(comparison->SameRig());
+  EXPECT_NEAR(comparison->growth, 1.0 / 60, 1e-4);
+  const std::string told = ChangesIn(*comparison)[0];
+  EXPECT_NE(told.find("1.67 % farther apart"), std::string::npos) << told;
+  EXPECT_NE(told.find("square_mm"), std::string::npos) << told;
+  EXPECT_EQ(CompareCalibrations(Draw(1), Draw(2), {})->growth, 0);
+}
+
+TEST(CalibrationComparison, TwoBoardFilesAreTheReasonWhenTheCamerasScatter) {
+  const auto with_rows = [](Calibration calibration, int rows) {
+    CalibratedFace& face = calibration.board.emplace_back();
+    face.face = "front";
+    face.print = FacePrint{7, rows, 60, 45, "APRILTAG_36h11", 0, false};
+    return calibration;
+  };
+  const Calibration before = with_rows(Draw(1), 25);
+  const Calibration other = sim::DrawCalibration(sim::DrawRig({}, 2, 90, 1.0), 1);
+  const auto comparison = CompareCalibrations(before, with_rows(other, 23), {});
+  ASSERT_TRUE(comparison.ok());
+  EXPECT_NE(ChangesIn(*comparison)[0].find("rows of face 'front': 25 before, 23 after"),
+            std::string::npos)
+      << ChangesIn(*comparison)[0];
+  // Another target that gives the same rig is nothing to tell.
+  EXPECT_TRUE(ChangesIn(*CompareCalibrations(before, with_rows(Draw(2), 23), {})).empty());
+}
+
 TEST(CalibrationComparison, ManyMovedCamerasDoNotDragTheFrame) {
   const Calibration before = Draw(1);
   Calibration after = before;

@@ -9,6 +9,8 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <stop_token>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -93,6 +95,22 @@ struct Seen {
   std::mutex mutex;
   std::vector<sim::Exposure> exposures;
 };
+
+TEST(CaptureSession, ASizeThatTheSensorDoesNotHaveIsRefusedWithTheOnesItHas) {
+  SimulatedRig::Options options = RigOf("127.32.21", 1);
+  SimulatedRig rig(options);
+  rig.capture().settings.width_px = options.like.width_px + 1;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  EXPECT_EQ((*session)->WaitUntilReady(std::chrono::seconds(2)), 0u);
+  const std::string problem = (*session)->States()[0].problem;
+  EXPECT_NE(problem.find("picture size " + std::to_string(options.like.width_px + 1)),
+            std::string::npos)
+      << problem;
+  EXPECT_NE(problem.find("width_px 1 to " + std::to_string(options.like.width_px) + " and height"),
+            std::string::npos)
+      << problem;
+}
 
 TEST(CaptureSession, SettingsArriveInTheCamerasAndStatesTellThem) {
   Seen seen;
@@ -233,6 +251,132 @@ TEST(CaptureSession, ALateFrameOfTheFirstPulseIsNotTakenForThatOfTheSecond) {
   EXPECT_EQ(rig.ExactFrames(*shot, 1), 4);
 }
 
+TEST(CaptureSession, AFrameOfTheWarmUpIsNotTakenForThatOfThePulse) {
+  for (const bool restart : {true, false}) {
+    SimulatedRig::Options options = RigOf(restart ? "127.32.21" : "127.32.22", 3);
+    options.restart_frame_ids = restart;
+    SimulatedRig rig(options);
+    rig.capture().retries = 0;
+    rig.capture().timing.deadline_ms = 2000;
+    rig.capture().timing.late_ms = 20000;
+    // Later than a warm-up waits: the frame of its second trigger comes after the pulse, and before
+    // that of the pulse.
+    constexpr int kLate_ms = 3000;
+    ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kLate, kLate_ms, 0}));
+    const auto session = rig.Open();
+    ASSERT_TRUE(session) << session.error().ToString();
+    ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u) << (*session)->States()[1].problem;
+    rig.server().SetShot(5);
+    const auto shot = (*session)->Capture();
+    ASSERT_TRUE(shot) << shot.error().ToString();
+    const CameraShot& camera = shot->cameras[1];
+    EXPECT_STREQ(VerdictName(camera.verdict), "late") << shot->Summary();
+    ASSERT_TRUE(camera.frame && camera.arrival_ms && camera.skew_us) << shot->Summary();
+    EXPECT_TRUE(rig.IsAsServed(*camera.frame, 1, 5));
+    EXPECT_GE(*camera.arrival_ms, kLate_ms);
+    EXPECT_NE(camera.reason.find("allowed are 2000"), std::string::npos) << camera.reason;
+    double uncertainty_us = 0;
+    for (const CameraShot& each : shot->cameras) {
+      uncertainty_us = std::max(uncertainty_us, each.clock_uncertainty_us);
+    }
+    EXPECT_NEAR(*camera.skew_us, 0, 1 + 2 * uncertainty_us) << "it exposed with the others";
+  }
+}
+
+TEST(CaptureSession, WhatHasComeIsKeptWhenTheRestIsGivenUp) {
+  SimulatedRig rig(RigOf("127.32.23", 3));
+  rig.capture().timing.deadline_ms = 20000;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u);
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kMute, 0, 0}));
+  rig.server().SetShot(0);
+  const auto is_told = [&](int i) { return (*session)->States()[i].last_verdict == "ok"; };
+  std::stop_source ctrl_c;
+  auto taken = std::async(std::launch::async, [&] {
+    return (*session)->Capture(ctrl_c.get_token(), ctrl_c.get_token());
+  });
+  while (!is_told(0) || !is_told(2)) std::this_thread::sleep_for(1ms);
+  ctrl_c.request_stop();
+  const auto shot = taken.get();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_TRUE(shot->interrupted);
+  EXPECT_EQ(shot->pulses, 1) << "no more after that";
+  EXPECT_EQ(rig.ExactFrames(*shot, 0), 2) << shot->Summary();
+  EXPECT_EQ(shot->Summary(), std::string("2/3 ok; c001 interrupted (") + kGivenUp + ")");
+  rig.server().ClearFaults();
+  const auto next = (*session)->Capture();
+  ASSERT_TRUE(next) << next.error().ToString();
+  EXPECT_TRUE(next->complete()) << next->Summary();
+  EXPECT_FALSE(next->interrupted);
+}
+
+TEST(CaptureSession, NothingIsLeftWhenNoFrameHadComeOrThereWasNoPulse) {
+  SimulatedRig rig(RigOf("127.32.24", 2));
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
+  const uint64_t frames = rig.server().counters(0).frames;
+  std::stop_source ctrl_c;
+  ctrl_c.request_stop();
+  const auto stopped = (*session)->Capture(ctrl_c.get_token());
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::kCancelled);
+  EXPECT_EQ(rig.server().counters(0).frames, frames) << "there was a pulse";
+  for (int i = 0; i < 2; ++i) ASSERT_TRUE(rig.server().SetFault(i, {FaultKind::kMute, 0, 0}));
+  const auto given_up = (*session)->Capture({}, ctrl_c.get_token());
+  ASSERT_FALSE(given_up) << given_up->Summary();
+  EXPECT_EQ(given_up.error().code, ErrorCode::kCancelled);
+  rig.server().ClearFaults();
+  const auto next = (*session)->Capture();
+  ASSERT_TRUE(next) << next.error().ToString();
+  EXPECT_TRUE(next->complete()) << next->Summary();
+}
+
+TEST(CaptureSession, SaysWhyACameraCannotBeOpened) {
+  SimulatedRig rig(RigOf("127.32.25", 4));
+  ASSERT_TRUE(rig.server().SetFault(0, {FaultKind::kStealControl, 0, 0}));
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kStealControl, 1, 0}));
+  ASSERT_TRUE(rig.server().SetFault(2, {FaultKind::kUnplugInFrame, 0.5, 1}));
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  const auto is_told = [&](int i) { return !(*session)->States()[i].problem.empty(); };
+  while (!is_told(0) || !is_told(1) || !is_told(2)) std::this_thread::sleep_for(10ms);
+  ASSERT_EQ((*session)->WaitUntilReady(0s), 1u);
+  for (const int stolen : {0, 1}) {
+    const CameraState state = (*session)->States()[stolen];
+    EXPECT_STREQ(ConditionName(state), "control lost");
+    EXPECT_NE(state.problem.find("another program controls it"), std::string::npos)
+        << state.problem;
+  }
+  EXPECT_STREQ(ConditionName((*session)->States()[2]), "disconnected");
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_EQ(shot->OkCount(), 1u) << shot->Summary();
+  for (const int i : {0, 1, 2}) EXPECT_NE(shot->cameras[i].reason, "") << i;
+  EXPECT_EQ(shot->first_try, "the same") << "a second pulse changed nothing";
+  rig.server().ClearFaults();  // or closing the camera takes Aravis seconds
+}
+
+TEST(CaptureSession, ACameraThatIsStillBeingOpenedIsCalledThat) {
+  SimulatedRig rig(RigOf("127.32.26", 2));
+  std::promise<void> released;
+  const auto release = released.get_future().share();
+  const auto open = [&](const CameraPlace& place) {
+    if (place.camera == "c001") release.wait();
+    return OpenAravisCamera(place);
+  };
+  const auto session = CaptureSession::Open(
+      rig.capture(), {open, std::make_unique<sim::SocketTrigger>(rig.server().socket())});
+  ASSERT_TRUE(session) << session.error().ToString();
+  while ((*session)->WaitUntilReady(0s) == 0) std::this_thread::sleep_for(10ms);
+  EXPECT_STREQ(ConditionName((*session)->States()[1]), "opening");
+  const auto shot = (*session)->Capture();
+  released.set_value();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_EQ(shot->Summary(), "1/2 ok; c001 not armed (it was still being opened)");
+}
+
 TEST(CaptureSession, ClocksThatAreFarApartAreCompared) {
   for (const bool ptp : {false, true}) {
     SimulatedRig::Options options = RigOf(ptp ? "127.32.5" : "127.32.6", 5);
@@ -269,10 +413,13 @@ TEST(CaptureSession, NamesCamerasThatAreNotWhereTheyShouldBe) {
   EXPECT_EQ((*session)->WaitUntilReady(3s), 1u);
   const std::vector<CameraState> states = (*session)->States();
   EXPECT_EQ(states[0].problem,
-            "c000: serial SIM00002 expected at 127.32.7.1, found SIM00001 (which belongs to c001: "
+            "serial SIM00002 expected at 127.32.7.1, found SIM00001 (which belongs to c001: "
             "cables swapped?)");
-  EXPECT_NE(states[3].problem.find("127.32.7.90: no camera answers"), std::string::npos)
-      << states[3].problem;
+  EXPECT_STREQ(ConditionName(states[0]), "wrong camera");
+  // The same sentence for all that are not there: whoever shows it says where they are looked for.
+  EXPECT_EQ(states[3].problem, "no camera answers (power, cable and network of the camera?)");
+  EXPECT_EQ(states[3].identity.address, "127.32.7.90");
+  EXPECT_STREQ(ConditionName(states[3]), "disconnected");
   const auto shot = (*session)->Capture();
   ASSERT_TRUE(shot) << shot.error().ToString();
   EXPECT_EQ(shot->OkCount(), 1u);
@@ -391,6 +538,7 @@ class MeddledCamera final : public Camera {
     return real_->Arm(by, std::move(memory));
   }
   Status Refill(FrameBlock memory) override { return real_->Refill(std::move(memory)); }
+  Status StartOver(FrameBlock memory) override { return real_->StartOver(std::move(memory)); }
   Result<bool> WaitArmed(Clock::time_point deadline) override { return real_->WaitArmed(deadline); }
   Status SoftwareTrigger() override { return real_->SoftwareTrigger(); }
   std::optional<CameraFrame> Fetch(Clock::time_point deadline) override {
@@ -438,6 +586,27 @@ TEST(CaptureSession, ACameraArmedAfterThePulseWasArmedLate) {
   EXPECT_EQ(shot->OkCount(), 2u) << shot->Summary();
 }
 
+TEST(CaptureSession, AStopWhileTheCamerasAreArmedGivesNoPulse) {
+  SimulatedRig rig(RigOf("127.32.27", 2));
+  rig.capture().timing.arm_ms = 60000;
+  std::stop_source ctrl_c;
+  Meddling slow;
+  std::promise<void> released;
+  slow.before_arm = [&] {
+    ctrl_c.request_stop();
+    released.get_future().wait();
+  };
+  const auto session = OpenMeddled(rig, "127.32.27.2", slow);
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
+  const uint64_t frames = rig.server().counters(0).frames;
+  const auto shot = (*session)->Capture(ctrl_c.get_token());  // and not when all are armed
+  released.set_value();
+  ASSERT_FALSE(shot);
+  EXPECT_EQ(shot.error().code, ErrorCode::kCancelled);
+  EXPECT_EQ(rig.server().counters(0).frames, frames);
+}
+
 TEST(CaptureSession, AnErrorThatIsNotUnderstoodIsNotCalledLostControl) {
   SimulatedRig rig(RigOf("127.32.17", 3));
   rig.capture().retries = 0;
@@ -459,7 +628,7 @@ CameraState StateOfRefused(const CaptureSession& session) {
     std::this_thread::sleep_for(10ms);
   }
   const CameraState state = session.States().front();
-  EXPECT_STREQ(ConditionName(state.condition), "lost");
+  EXPECT_EQ(state.condition, CameraCondition::kLost);
   return state;
 }
 

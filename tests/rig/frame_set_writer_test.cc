@@ -9,6 +9,7 @@
 #include <csignal>
 #include <cstring>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 #include <thread>
@@ -126,6 +127,33 @@ TEST(FrameSetWriter, WritesWhatWasTaken) {
   }
   const std::string shot = ReadFile(folder / "set/shot.json").value();
   EXPECT_NE(shot.find("trigger cable?"), std::string::npos);
+  for (const char* unknown : {"arrival_ms", "skew_us", "clock_uncertainty_us", "interrupted"}) {
+    EXPECT_EQ(shot.find(unknown), std::string::npos) << shot;
+  }
+  EXPECT_FALSE(set->trigger.contains("max_skew_camera")) << "no exposure's time is known";
+  EXPECT_FALSE(set->trigger.contains("max_skew_us"));
+}
+
+TEST(FrameSetWriter, SaysWhatWasMeasuredAndThatTheShotWasInterrupted) {
+  const test::TemporaryFolder folder;
+  FrameMemory memory(2, kWidth * kHeight);
+  Shot shot = MakeShot(memory, 2, true);
+  shot.interrupted = true;
+  shot.cameras[0].arrival_ms = 3004.5;
+  shot.cameras[0].skew_us = -2.5;
+  shot.skew = {2.5, 2.5, "c0"};
+  shot.cameras[1].verdict = Verdict::kInterrupted;
+  FrameSetWriter writer(1);
+  ASSERT_TRUE(writer.Wait(writer.Submit(OrderTo(folder / "set"), std::move(shot))));
+  const auto told = nlohmann::json::parse(ReadFile(folder / "set/shot.json").value());
+  EXPECT_EQ(told["interrupted"], true);
+  EXPECT_EQ(told["cameras"][0]["arrival_ms"], 3004.5);
+  EXPECT_EQ(told["cameras"][0]["skew_us"], -2.5);
+  EXPECT_EQ(told["cameras"][1]["verdict"], "interrupted");
+  const auto set = ReadFrameSet(folder / "set");
+  ASSERT_TRUE(set) << set.error().ToString();
+  EXPECT_EQ(set->trigger.at("max_skew_camera"), TriggerValue("c0"));
+  EXPECT_EQ(set->frames[1].status, "interrupted");
 }
 
 /// Waits for the writer to be in trouble, or not any more.

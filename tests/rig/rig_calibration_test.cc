@@ -280,6 +280,17 @@ TEST(RigCalibration, AnotherRigsCalibrationIsRefusedBeforeAnythingIsSolved) {
   EXPECT_TRUE(CheckShared(world.sightings.cameras, world.truth, 30).ok());
 }
 
+TEST(RigCalibration, AShotGivenTwiceIsRefused) {
+  ProjectedRig world = ProjectCorners(SmallRig(14));
+  world.sightings.sightings[4] = world.sightings.sightings[1];
+  const auto result = Calibrate(world);
+  ASSERT_FALSE(result);
+  EXPECT_EQ(result.error().code, ErrorCode::kBadInput);
+  EXPECT_NE(result.error().context.find(world.sightings.shots[4].id), std::string::npos);
+  EXPECT_NE(result.error().message.find("'" + world.sightings.shots[1].id + "'"), std::string::npos)
+      << result.error().message;
+}
+
 TEST(RigCalibration, TwoCamerasSwappedInOneShotAreNamed) {
   ProjectedRig world = ProjectCorners(SmallRig(11));
   auto& row = world.sightings.sightings[3];
@@ -459,6 +470,196 @@ TEST(RigCalibration, AHiddenFaceLeavesItsPlaceToTheDrawing) {
   EXPECT_FALSE(result->uncertainty.faces[4].has_value());
   EXPECT_EQ(AsFile(world, *result).board.size(), 4u);
   EXPECT_EQ(AsFile(world, *result).cameras.size(), 30u);
+}
+
+// Solved, and to be doubted: said so, and only then.
+
+ProjectedOptions FewCameras(uint64_t seed) {
+  ProjectedOptions options = SmallRig(seed);
+  options.cameras = 12;
+  options.shots = 5;
+  return options;
+}
+
+/// The halves' differences included.
+struct Checked {
+  Calibration file;
+  std::vector<CameraCheck> checks;
+};
+
+Checked Check(const ProjectedRig& world, const RigCalibration& result) {
+  ThreadPool pool(0);
+  RunContext context{pool};
+  const auto validation = CrossValidate(world.board, result, {}, context);
+  EXPECT_TRUE(validation.ok());
+  return {ToCalibration(world.board, world.sightings, result, &*validation),
+          CheckCameras(world.board, world.sightings, result, {})};
+}
+
+ProjectedRig OneShotLater(uint64_t rig_seed) {
+  ProjectedOptions daily = FewCameras(rig_seed);
+  daily.shots = 1;
+  daily.first_placement = 40;
+  daily.noise_seed = 77;
+  return ProjectCorners(daily);
+}
+
+bool AnyStartsWith(const std::vector<std::string>& texts, const std::string& begin) {
+  return std::any_of(texts.begin(), texts.end(),
+                     [&](const std::string& text) { return text.starts_with(begin); });
+}
+
+TEST(CalibrationDoubts, NoneOfGoodCalibrations) {
+  for (const double wrong_share : {0.003, 0.03}) {
+    ProjectedOptions options = FewCameras(21);
+    options.wrong_share = wrong_share;
+    const ProjectedRig world = ProjectCorners(options);
+    const auto result = Calibrate(world);
+    ASSERT_TRUE(result.ok());
+    const Checked whole = Check(world, *result);
+    EXPECT_EQ(DoubtsOnFit(whole.file, whole.checks, nullptr, {}), std::vector<std::string>());
+    EXPECT_EQ(DoubtOnBoard(world.board, world.sightings, &*result, {}), "");
+    const ProjectedRig today = OneShotLater(21);
+    RigCalibrationOptions kept;
+    kept.intrinsics_from = kept.frame_from = &whole.file;
+    const auto later = Calibrate(today, kept);
+    ASSERT_TRUE(later.ok());
+    const Checked daily = Check(today, *later);
+    EXPECT_EQ(DoubtsOnFit(daily.file, daily.checks, &whole.file, {}), std::vector<std::string>());
+    EXPECT_EQ(DoubtOnBoard(today.board, today.sightings, &*later, {}), "");
+  }
+}
+
+TEST(CalibrationDoubts, LensesOfAnotherRigAreNamedAsTheReason) {
+  const ProjectedRig world = ProjectCorners(FewCameras(5));
+  const auto before = Calibrate(world);
+  ASSERT_TRUE(before.ok());
+  const Calibration earlier = AsFile(world, *before);
+  const ProjectedRig other = OneShotLater(6);
+  RigCalibrationOptions options;
+  options.intrinsics_from = options.frame_from = &earlier;
+  const auto result = Calibrate(other, options);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  const Checked daily = Check(other, *result);
+  const auto doubts = DoubtsOnFit(daily.file, daily.checks, &earlier, {});
+  std::printf("noise %.2f, before %.2f\n", result->noise, earlier.residuals->noise);
+  ASSERT_TRUE(AnyStartsWith(doubts, "the corners scatter")) << testing::PrintToString(doubts);
+  EXPECT_NE(doubts[0].find("its lenses are not those of these pictures"), std::string::npos)
+      << doubts[0];
+}
+
+TEST(CalibrationDoubts, ManyCornersLostAreTold) {
+  ProjectedOptions options = FewCameras(22);
+  options.wrong_share = 0.15;
+  const ProjectedRig world = ProjectCorners(options);
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  const Checked whole = Check(world, *result);
+  const auto doubts = DoubtsOnFit(whole.file, whole.checks, nullptr, {});
+  ASSERT_TRUE(AnyStartsWith(doubts, "15 % of the corners do not fit"))
+      << testing::PrintToString(doubts);
+}
+
+TEST(CalibrationDoubts, ACameraThatLosesManyCornersIsNamedAlone) {
+  ProjectedRig world = ProjectCorners(FewCameras(22));
+  size_t count = 0;
+  for (auto& row : world.sightings.sightings) {
+    for (BoardCorner& corner : row[7].detection->corners) {
+      if (++count % 3 == 0) corner.pixel.x() += 4;
+    }
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  const Checked whole = Check(world, *result);
+  EXPECT_EQ(DoubtsOnFit(whole.file, whole.checks, nullptr, {}), std::vector<std::string>());
+  for (size_t c = 0; c < whole.checks.size(); ++c) {
+    EXPECT_EQ(AnyStartsWith(whole.checks[c].advice, "more than 25 % of its corners"), c == 7) << c;
+  }
+}
+
+TEST(CalibrationDoubts, AShotLeftOutIsNoLossOfCorners) {
+  ProjectedRig world = ProjectCorners(FewCameras(10));
+  Rigid3 later = world.rig_from_board[2];
+  later.translation += Eigen::Vector3d(0.003, -0.002, 0);
+  for (size_t c = 0; c < world.truth.cameras.size(); c += 2) {
+    Replace(world, 2, c, world.truth.cameras[c], later);
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok());
+  const Checked whole = Check(world, *result);
+  EXPECT_EQ(DoubtsOnFit(whole.file, whole.checks, nullptr, {}), std::vector<std::string>());
+}
+
+TEST(CalibrationDoubts, HalvesAndResidualsHaveLimits) {
+  const ProjectedRig world = ProjectCorners(FewCameras(23));
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok());
+  Checked whole = Check(world, *result);
+  const auto doubts = [&] { return DoubtsOnFit(whole.file, whole.checks, nullptr, {}); };
+  CalibrationResiduals& residuals = *whole.file.residuals;
+  residuals.half_split_position_ratio = 2.3;
+  ASSERT_EQ(doubts().size(), 1u);
+  EXPECT_NE(doubts()[0].find("differ by 2.3 times"), std::string::npos) << doubts()[0];
+  whole.file.cameras.resize(3);  // of so few, chance makes it that large
+  EXPECT_TRUE(doubts().empty());
+  residuals.half_split_position_ratio = residuals.half_split_rotation_ratio = std::nullopt;
+  residuals.rms_px = 1.2;
+  ASSERT_EQ(doubts().size(), 1u);
+  EXPECT_NE(doubts()[0].find("no better than 1.20 px"), std::string::npos) << doubts()[0];
+}
+
+TEST(CalibrationDoubts, ADrawingThatThePicturesContradictIsTheBoardFiles) {
+  // Squares of another size, the faces' places as they were.
+  ProjectedRig world = ProjectCorners(FewCameras(24));
+  for (BoardFace& face : world.board.faces) face.square_m *= 61.0 / 60;
+  const auto squares = Calibrate(world);
+  ASSERT_TRUE(squares.ok()) << squares.error().ToString();
+  const std::string doubt = DoubtOnBoard(world.board, world.sightings, &*squares, {});
+  EXPECT_NE(doubt.find("do not stand as it draws them"), std::string::npos) << doubt;
+  EXPECT_NE(doubt.find("square_mm"), std::string::npos) << doubt;
+
+  ProjectedRig turned = ProjectCorners(FewCameras(8));
+  for (BoardFace& face : turned.board.faces) {
+    const Rigid3 half_turn = {Eigen::Quaterniond(0, 0, 0, 1), 2 * FaceMiddle(face)};
+    face.board_from_face = face.board_from_face * half_turn;
+  }
+  const auto refused = Calibrate(turned);
+  ASSERT_TRUE(refused.ok());
+  ASSERT_TRUE(refused->drawing_refused);
+  EXPECT_NE(DoubtOnBoard(turned.board, turned.sightings, &*refused, {}), "");
+}
+
+TEST(CalibrationDoubts, MisplacedMarkersOfMostCamerasAreTheBoardFilesOfFewTheCameras) {
+  const auto doubt = [](size_t cameras, size_t shots, Rejection kind) {
+    ProjectedRig world = ProjectCorners(SmallRig(25));
+    for (size_t s = 0; s < shots; ++s) {
+      for (size_t c = 0; c < cameras; ++c) {
+        world.sightings.sightings[s][c].detection->rejected.push_back(
+            {"APRILTAG_36h11", 5, {100, 100}, kind, "for this test"});
+      }
+    }
+    for (auto& row : world.sightings.sightings) {
+      for (BoardSighting& sighting : row) sighting.detection->markers_found = 40;
+    }
+    return DoubtOnBoard(world.board, world.sightings, nullptr, {});
+  };
+  EXPECT_NE(doubt(16, 2, Rejection::kMisplaced).find("16 of 30 cameras"), std::string::npos);
+  EXPECT_EQ(doubt(15, 6, Rejection::kMisplaced), "") << "half of the cameras";
+  EXPECT_EQ(doubt(30, 1, Rejection::kMisplaced), "") << "one shot of six";
+  EXPECT_EQ(doubt(30, 6, Rejection::kOnNoFace), "") << "another print stands there";
+}
+
+TEST(RigCalibration, PicturesOfAnotherSizeForbidToKeepTheLenses) {
+  const ProjectedRig world = ProjectCorners(SmallRig(12));
+  std::vector<SightedCamera> cameras = world.sightings.cameras;
+  EXPECT_TRUE(CheckKeptLenses(cameras, world.truth).ok());
+  cameras[3].width_px = 600;
+  cameras[3].height_px = 800;
+  const Status kept = CheckKeptLenses(cameras, world.truth);
+  ASSERT_FALSE(kept.ok());
+  EXPECT_EQ(kept.error().context, cameras[3].camera);
+  EXPECT_NE(kept.error().message.find("600x800 pixels, expected 1200x1600"), std::string::npos)
+      << kept.error().message;
 }
 
 }  // namespace

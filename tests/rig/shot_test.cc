@@ -38,6 +38,7 @@ TEST(JudgeSkew, BlamesNobodyForWhatItsClockDoesNotTell) {
   JudgeSkew(1000, shot);
   EXPECT_FALSE(shot.cameras[0].skew_us);
   EXPECT_EQ(shot.skew.worst, "");
+  EXPECT_FALSE(shot.skew.known());
 }
 
 TEST(JudgeSkew, KeepsAnEarlierVerdict) {
@@ -74,8 +75,45 @@ TEST(Shot, SaysWhoIsNotOkAndWhy) {
   shot.cameras[1].verdict = Verdict::kMissing;
   shot.cameras[1].reason = "trigger cable?";
   shot.cameras[2].verdict = Verdict::kLate;
-  EXPECT_EQ(shot.Summary(), "1/3 ok; c1 missing (trigger cable?), c2 late");
+  EXPECT_EQ(shot.Summary(), "1/3 ok; c1 missing (trigger cable?); c2 late");
+  EXPECT_EQ(shot.Tally(), "1/3 ok");
   EXPECT_FALSE(shot.complete());
+}
+
+void Refuse(CameraShot& camera, Verdict verdict, const char* reason) {
+  camera.verdict = verdict;
+  camera.reason = reason;
+}
+
+TEST(Shot, SaysAReasonThatSeveralCamerasShareOnce) {
+  Shot shot = ShotOf(std::vector<int64_t>(10, 0));
+  for (const size_t i : {1, 3, 4}) Refuse(shot.cameras[i], Verdict::kMissing, "cable?");
+  Refuse(shot.cameras[2], Verdict::kMissing, "another");
+  EXPECT_EQ(shot.Summary(), "6/10 ok; 3 missing (cable?): c1, c3, c4; c2 missing (another)");
+  for (CameraShot& camera : shot.cameras) Refuse(camera, Verdict::kDisconnected, "no power?");
+  shot.cameras[0].verdict = Verdict::kOk;
+  EXPECT_EQ(shot.Summary(),
+            "1/10 ok; 9 disconnected (no power?): c1, c2, c3, c4, c5, c6 and 3 more");
+  Refuse(shot.cameras[0], Verdict::kDisconnected, "no power?");
+  EXPECT_EQ(shot.Summary(), "0/10 ok; all disconnected (no power?)");
+}
+
+TEST(Shot, SuspectsTheTriggerLineWhenNobodyWhoWaitedSawThePulse) {
+  const auto suspects = [](const Shot& shot) {
+    return shot.Summary().find("the trigger line itself") != std::string::npos;
+  };
+  Shot shot = ShotOf({0, 0, 0});
+  for (CameraShot& camera : shot.cameras) Refuse(camera, Verdict::kMissing, "its cable?");
+  EXPECT_TRUE(suspects(shot)) << shot.Summary();
+  EXPECT_EQ(shot.Summary().find("its cable?"), std::string::npos);
+  shot.cameras[0].verdict = Verdict::kDisconnected;
+  EXPECT_TRUE(suspects(shot)) << shot.Summary();
+  shot.cameras[0].verdict = Verdict::kIncomplete;
+  EXPECT_FALSE(suspects(shot)) << "it had seen the pulse";
+  shot.cameras[0].verdict = Verdict::kInterrupted;
+  EXPECT_FALSE(suspects(shot)) << "it may still have sent a frame";
+  shot.cameras[0].verdict = shot.cameras[1].verdict = Verdict::kDisconnected;
+  EXPECT_FALSE(suspects(shot)) << "one alone: its own cable";
 }
 
 }  // namespace

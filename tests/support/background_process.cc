@@ -10,9 +10,9 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
-#include <sstream>
 #include <stdexcept>
+
+#include "tests/support/process.h"
 
 namespace rotunda::test {
 namespace {
@@ -89,11 +89,7 @@ int BackgroundProcess::Wait() {
   return exit_code_.value_or(-1);
 }
 
-std::string BackgroundProcess::Output() const {
-  std::ostringstream text;
-  text << std::ifstream(output_).rdbuf();
-  return text.str();
-}
+std::string BackgroundProcess::Output() const { return TextOf(output_); }
 
 NotifySocket::NotifySocket(const std::filesystem::path& path)
     : fd_(BoundSocket(path, SOCK_DGRAM)) {}

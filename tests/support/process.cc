@@ -18,12 +18,6 @@ namespace {
 
 constexpr auto kPollInterval = std::chrono::milliseconds(2);
 
-std::string Slurp(const std::filesystem::path& file) {
-  std::ostringstream text;
-  text << std::ifstream(file, std::ios::binary).rdbuf();
-  return text.str();
-}
-
 [[noreturn]] void Become(const std::vector<std::string>& arguments, const char* out,
                          const char* err) {
   dup2(open(out, O_CREAT | O_WRONLY | O_TRUNC, 0600), STDOUT_FILENO);
@@ -58,8 +52,18 @@ ProcessOutcome RunProcess(const std::vector<std::string>& arguments,
     wait4(child, &status, 0, &usage);
   }
   const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - begin;
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), Slurp(out), Slurp(err),
-          spent.count(), static_cast<double>(usage.ru_maxrss) / 1024.0};
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), TextOf(out),
+          TextOf(err), spent.count(), static_cast<double>(usage.ru_maxrss) / 1024.0};
+}
+
+bool Contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+std::string TextOf(const std::filesystem::path& file) {
+  std::ostringstream text;
+  text << std::ifstream(file, std::ios::binary).rdbuf();
+  return text.str();
 }
 
 TemporaryFolder::TemporaryFolder() {

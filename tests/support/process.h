@@ -21,6 +21,10 @@ struct ProcessOutcome {
 ProcessOutcome RunProcess(const std::vector<std::string>& arguments,
                           const std::function<bool()>& interrupt_when = nullptr);
 
+bool Contains(const std::string& text, const std::string& part);
+/// Empty when it cannot be read.
+std::string TextOf(const std::filesystem::path& file);
+
 /// A folder under the system's temporary folder that is removed in the end.
 class TemporaryFolder {
  public:

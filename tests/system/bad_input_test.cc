@@ -341,7 +341,7 @@ TEST_F(BadInput, InterruptOfSimulationLeavesNothing) {
   const ProcessOutcome outcome =
       RunProcess({ROTUNDA_COMMAND, "simulate", folder_ / "out", "--cameras", "6"},
                  [&] { return !fs::is_empty(folder_.path()); });
-  ExpectOneError(outcome, 1, {"interrupted"});
+  ExpectOneError(outcome, 130, {"interrupted"});
   EXPECT_EQ(Listing(folder_.path()), std::vector<std::string>{});
 }
 
@@ -357,7 +357,7 @@ TEST_F(BadInput, InterruptOfReconstructionLeavesNothing) {
     const ProcessOutcome outcome = RunProcess(
         {ROTUNDA_COMMAND, "reconstruct", set, "--out", folder_ / "out", "--stages", stages},
         [&] { return fs::exists(stages / product); });
-    ExpectOneError(outcome, 1, {"interrupted"});
+    ExpectOneError(outcome, 130, {"interrupted"});
     EXPECT_EQ(Listing(folder_.path()), (std::vector<std::string>{"set", "stages"}));
   }
 }

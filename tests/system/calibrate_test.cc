@@ -6,7 +6,6 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -19,14 +18,9 @@ namespace fs = std::filesystem;
 using test::ProcessOutcome;
 using test::RunProcess;
 using test::TemporaryFolder;
+using test::TextOf;
 
 const fs::path kCuboid = fs::path(ROTUNDA_SOURCE_DIR) / "config/cuboid.toml";
-
-std::string TextOf(const fs::path& file) {
-  std::ostringstream text;
-  text << std::ifstream(file, std::ios::binary).rdbuf();
-  return text.str();
-}
 
 TEST(BoardDraw, WritesEveryFaceTrueToScaleAndNothingOverAnother) {
   const TemporaryFolder folder;
@@ -77,6 +71,16 @@ TEST(CalibrateCommand, CalibratesReportsAndRecalibratesFromOneShot) {
   EXPECT_EQ(result["calibrated"], 5);
   EXPECT_EQ(result["shots_used"], 3);
   EXPECT_LT(result["rms_px"].get<double>(), 0.05);
+  EXPECT_EQ(result["rig_frame"], "the target in simulated-1-placement-0");
+  EXPECT_GT(result["uncertainty"]["mean_position_mm"], 0.0);
+  EXPECT_GE(result["uncertainty"]["max_rotation_deg"], result["uncertainty"]["mean_rotation_deg"]);
+  EXPECT_GT(result["uncertainty"]["mean_focal_percent"], 0.0);
+  ASSERT_EQ(result["cameras"].size(), 5u);
+  for (const auto& camera : result["cameras"]) {
+    EXPECT_GT(camera["position_mm"], 0.0);
+    EXPECT_LE(camera["kept"], camera["corners"]);
+  }
+  EXPECT_FALSE(result.contains("comparison"));
   for (const char* list : {"rejected_markers", "rejected_corners"}) {
     ASSERT_TRUE(result[list].is_array()) << list;
     for (const auto& rejected : result[list]) {
@@ -99,6 +103,9 @@ TEST(CalibrateCommand, CalibratesReportsAndRecalibratesFromOneShot) {
   EXPECT_EQ(daily["calibrated"], 5);
   EXPECT_EQ(daily["rig_frame"], "the earlier calibration's");
   EXPECT_TRUE(daily["changes"].empty()) << daily["changes"];
+  EXPECT_EQ(daily["comparison"]["same_rig"], true);
+  EXPECT_EQ(daily["comparison"]["cameras"].size(), 5u);
+  EXPECT_TRUE(daily.contains("half_split_position_ratio"));
   Calibrate({shot(3)}, folder / "again.json",
             {"--fix-intrinsics-from", whole.string(), "--threads", "1"});
   EXPECT_EQ(TextOf(folder / "again.json"), TextOf(folder / "daily.json"));
@@ -110,6 +117,92 @@ TEST(CalibrateCommand, CalibratesReportsAndRecalibratesFromOneShot) {
   EXPECT_EQ(changes["cameras"].size(), 5u);
   for (const auto& camera : changes["cameras"]) EXPECT_EQ(camera["lens_sigmas"], 0.0) << "kept";
   EXPECT_EQ(changes["changes"], daily["changes"]);
+  EXPECT_EQ(changes["before_file"], whole.string());
+  EXPECT_NE(changes["before"], changes["after"]) << "their shots are of different times";
+
+  const fs::path rows = folder / "rows.toml", squares = folder / "squares.toml";
+  std::ofstream(rows) << "[cuboid]\nrows = 23\n";
+  std::ofstream(squares) << "[board]\nsquare_mm = 61\n";
+  for (const std::string option : {"--fix-intrinsics-from", "--compare"}) {
+    const ProcessOutcome other = RunProcess({ROTUNDA_COMMAND, "calibrate", shot(3), "--board", rows,
+                                             "--out", folder / "other.json", option, whole});
+    EXPECT_EQ(other.exit_code, 1);
+    EXPECT_NE(other.errors.find(rows.string() + ": rows of face 'front': is 23, but " +
+                                whole.string() + " was made with 25"),
+              std::string::npos)
+        << other.errors;
+    EXPECT_FALSE(fs::exists(folder / "other.json"));
+  }
+
+  // Without an earlier calibration only the pictures can tell: rows do, another scale does not.
+  const auto calibrate_with = [&](const fs::path& board, const fs::path& out) {
+    return RunProcess({ROTUNDA_COMMAND, "calibrate", shot(0), shot(1), shot(2), "--board", board,
+                       "--out", out, "--report", folder / "wrong.html"});
+  };
+  const ProcessOutcome wrong = calibrate_with(rows, folder / "wrong.json");
+  EXPECT_EQ(wrong.exit_code, 1);
+  EXPECT_NE(wrong.errors.find(rows.string() + ": is probably not this target's"), std::string::npos)
+      << wrong.errors;
+  EXPECT_FALSE(fs::exists(folder / "wrong.json") || fs::exists(folder / "wrong.html"));
+
+  // An earlier calibration that does not say what was printed still says where the faces stand.
+  auto old = nlohmann::json::parse(TextOf(whole));
+  for (auto& face : old["board"]["faces"]) face.erase("print");
+  std::ofstream(folder / "old.json") << old;
+  const ProcessOutcome doubted = RunProcess(
+      {ROTUNDA_COMMAND, "calibrate", shot(3), "--board", squares, "--out", folder / "doubted.json",
+       "--report", folder / "doubted.html", "--fix-intrinsics-from", folder / "old.json"});
+  ASSERT_EQ(doubted.exit_code, 0) << doubted.errors;
+  EXPECT_EQ(doubted.output.find("note: "),
+            doubted.output.find("note: " + squares.string() + " is probably not this target's"))
+      << doubted.output;
+  EXPECT_NE(TextOf(folder / "doubted.html").find("is probably not this target"), std::string::npos);
+
+  ASSERT_EQ(calibrate_with(squares, folder / "larger.json").exit_code, 0);
+  const ProcessOutcome larger =
+      RunProcess({ROTUNDA_COMMAND, "compare", whole, folder / "larger.json"});
+  EXPECT_NE(larger.output.find("square_mm of face 'front': 60 before, 61 after"), std::string::npos)
+      << larger.output;
+  EXPECT_EQ(larger.output.find("counted in"), std::string::npos) << larger.output;
+}
+
+TEST(CalibrateCommand, WhatCannotBeWrittenIsRefusedBeforeTheWork) {
+  const TemporaryFolder folder;
+  const auto errors = [&](const fs::path& out, const fs::path& report) {
+    const ProcessOutcome refused =
+        RunProcess({ROTUNDA_COMMAND, "calibrate", folder / "no shots", "--board", kCuboid, "--out",
+                    out, "--report", report});
+    EXPECT_EQ(refused.exit_code, 1) << refused.output;
+    return refused.errors;
+  };
+  EXPECT_NE(errors(folder.path(), folder / "page.html")
+                .find("--out: " + folder.path().string() + ": is a folder"),
+            std::string::npos);
+  EXPECT_NE(errors(folder / "c.json", folder / "none" / "page.html").find("make it first"),
+            std::string::npos);
+  for (const auto& [out, report] :
+       {std::pair<fs::path, fs::path>(folder / "x", folder / "x"), {"x.json", "./x.json"}}) {
+    const std::string twice = errors(out, report);
+    EXPECT_NE(twice.find("is also what --out names"), std::string::npos) << twice;
+  }
+  const std::string board = errors(kCuboid, folder / "page.html");
+  EXPECT_NE(board.find("is the board file"), std::string::npos) << board;
+  EXPECT_TRUE(fs::is_empty(folder.path()));
+}
+
+TEST(CalibrateCommand, PicturesTooSmallToBeReadSayHowLargeTheyMustBe) {
+  const TemporaryFolder folder;
+  const ProcessOutcome simulated = RunProcess(
+      {ROTUNDA_COMMAND, "simulate", folder / "shots", "--target", "cuboid", "--placements", "2",
+       "--cameras", "4", "--scale", "0.15", "--seed", "1", "--background", "plain"});
+  ASSERT_EQ(simulated.exit_code, 0) << simulated.errors;
+  const ProcessOutcome refused = RunProcess({ROTUNDA_COMMAND, "calibrate", folder / "shots",
+                                             "--board", kCuboid, "--out", folder / "c.json"});
+  EXPECT_EQ(refused.exit_code, 1) << refused.output;
+  EXPECT_NE(refused.errors.find("small: its markers are about "), std::string::npos)
+      << refused.errors;
+  EXPECT_NE(refused.errors.find("they must be 16 px; bring the target nearer"), std::string::npos)
+      << refused.errors;
 }
 
 TEST(CalibrateCommand, AModelForLensesThatAreKeptIsWrongUsage) {

@@ -5,31 +5,38 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "sfm/core/calibration.h"
 #include "sfm/core/frame_set.h"
 #include "tests/support/process.h"
+#include "tests/support/rotunda_command.h"
 #include "tests/support/served_cameras.h"
 #include "tests/support/small_frame_set.h"
 
 namespace rotunda {
 namespace {
 
+using test::Contains;
 using test::ProcessOutcome;
 using test::RunProcess;
+using test::RunRotunda;
 using test::ServedCameras;
 using test::TemporaryFolder;
 using Json = nlohmann::json;
 
-bool Contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
+size_t CountOf(const std::string& text, const std::string& part) {
+  size_t count = 0;
+  for (size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++count;
+  return count;
 }
 
 /// Four small cameras and a configuration that fits them.
@@ -55,15 +62,19 @@ class CaptureCommand : public testing::Test {
     WriteConfig("rig.toml", *set, "");
     WriteConfig("line1.toml", *set, "[trigger]\ncamera_input = \"Line1\"\n");
     WriteConfig("odd.toml", *set, "[trigger]\ncamera_input = \"Opto\"\n");
+    WriteConfig("patient.toml", *set, "", 60000);
+    FrameSet wrong = *set;
+    wrong.frames[1].serial = "OTHER";
+    WriteConfig("wrong.toml", wrong, "");
     cameras_ =
         std::make_unique<ServedCameras>(ServedCameras::Options{ROTUNDA_COMMAND, Served(), kBlock});
   }
-  static void WriteConfig(const std::string& name, const FrameSet& set, const std::string& more) {
+  static void WriteConfig(const std::string& name, const FrameSet& set, const std::string& more,
+                          int deadline_ms = 1500) {
     std::ofstream config(*folder_ / name);
-    config << more
-           << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = 1500\nlate_ms = "
-              "300\npixel_format = \""
-           << set.frames.front().pixel_format << "\"\n[uplinks.u]\n";
+    config << more << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = " << deadline_ms
+           << "\nlate_ms = 300\npixel_format = \"" << set.frames.front().pixel_format
+           << "\"\n[uplinks.u]\n";
     for (size_t i = 0; i < set.frames.size(); ++i) {
       config << "[cameras." << set.frames[i].camera << "]\nserial = \"" << set.frames[i].serial
              << "\"\naddress = \"" << kBlock << '.' << i + 1 << "\"\n";
@@ -76,26 +87,29 @@ class CaptureCommand : public testing::Test {
   void TearDown() override { cameras_->Send({"clear"}); }
 
   static std::filesystem::path Served() { return *folder_ / "served"; }
-  static ProcessOutcome Run(std::vector<std::string> arguments) {
-    arguments.insert(arguments.begin(), ROTUNDA_COMMAND);
-    return RunProcess(arguments);
-  }
   static ProcessOutcome Capture(const std::string& out, std::vector<std::string> more = {},
-                                const std::string& config = "rig.toml") {
+                                const std::string& config = "rig.toml",
+                                const std::function<bool()>& interrupt_when = nullptr) {
     std::vector<std::string> arguments = {
         "capture",          "--rig", *folder_ / config, "--simulated",
         cameras_->socket(), "--out", *folder_ / out};
     arguments.insert(arguments.end(), more.begin(), more.end());
-    return Run(arguments);
+    return RunRotunda(arguments, interrupt_when);
   }
-  /// How many frames the first camera has sent.
-  static int FramesSent() {
+  /// How the first camera is.
+  struct Listed {
+    std::string state;
+    int frames = -1;  // sent
+  };
+  static Listed List() {
     std::istringstream list(cameras_->Send({"list"}).output);
-    std::string address, name, serial, state, word;
-    int frames = -1;
-    list >> address >> name >> serial >> state >> word >> frames;
-    return frames;
+    std::string address, name, serial, word;
+    Listed first;
+    list >> address >> name >> serial >> first.state >> word >> first.frames;
+    return first;
   }
+  static int FramesSent() { return List().frames; }
+  static bool IsAcquiring() { return List().state == "acquiring"; }
 
   static inline std::unique_ptr<TemporaryFolder> folder_;
   static inline std::unique_ptr<ServedCameras> cameras_;
@@ -148,6 +162,70 @@ TEST_F(CaptureCommand, AnIncompleteShotIsWrittenAndSaysSo) {
   const auto set = ReadFrameSet(*folder_ / "muted");
   ASSERT_TRUE(set) << set.error().ToString();
   EXPECT_EQ(set->frames[1].status, "missing");
+}
+
+TEST_F(CaptureCommand, AReasonIsSaidOnce) {
+  ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".2", "mute"}).exit_code, 0);
+  const ProcessOutcome one = Capture("one-muted");
+  const std::string told = one.output + one.errors;
+  EXPECT_EQ(one.exit_code, 1);
+  EXPECT_EQ(CountOf(told, "trigger cable"), 1u) << told;
+  EXPECT_EQ(CountOf(told, "c00r1"), 1u) << told;
+  EXPECT_TRUE(Contains(one.output, "earlier pulse: the same\n")) << told;
+  ASSERT_EQ(cameras_->Send({"fault", "all", "mute"}).exit_code, 0);
+  const ProcessOutcome all = Capture("all-muted");
+  EXPECT_EQ(all.exit_code, 1);
+  EXPECT_TRUE(Contains(all.errors, "0/4 ok; all missing (")) << all.errors;
+  EXPECT_EQ(CountOf(all.errors, "the trigger line itself"), 1u) << all.errors;
+  EXPECT_FALSE(Contains(all.output, "skew")) << "of no frame: " << all.output;
+  EXPECT_TRUE(std::filesystem::exists(*folder_ / "all-muted/shot.json"));
+}
+
+/// A camera that never sends makes the shot wait for a minute.
+TEST_F(CaptureCommand, CtrlCKeepsWhatHasComeAndSaysWhere) {
+  ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".2", "mute"}).exit_code, 0);
+  const int before = FramesSent();
+  const ProcessOutcome shot = Capture("kept", {}, "patient.toml", [&] {
+    if (FramesSent() < before + 2) return false;           // the warm-up, and that of the pulse
+    std::this_thread::sleep_for(std::chrono::seconds(1));  // those of the others too
+    return true;
+  });
+  EXPECT_EQ(shot.exit_code, 130);
+  const std::string out = *folder_ / "kept";
+  EXPECT_TRUE(Contains(shot.errors, "rotunda: interrupted, what had come is in " + out +
+                                        ", marked incomplete: 3/4 ok; c00r1 interrupted ("))
+      << shot.errors;
+  const auto set = ReadFrameSet(out);
+  ASSERT_TRUE(set) << set.error().ToString();
+  EXPECT_EQ(set->trigger.at("complete"), TriggerValue(false));
+  EXPECT_EQ(set->frames[1].status, "interrupted");
+  EXPECT_EQ(set->frames[2].status, "ok");
+  const Json told = Json::parse(test::TextOf(*folder_ / "kept/shot.json"));
+  EXPECT_EQ(told.at("interrupted"), true);
+  EXPECT_TRUE(Contains(told.at("cameras").at(1).at("reason"), "interrupted"));
+}
+
+TEST_F(CaptureCommand, CtrlCBeforeAPictureHasComeLeavesNothing) {
+  const std::filesystem::path place = *folder_ / "early";
+  std::filesystem::create_directory(place);
+  // A camera that is not there is waited for, which is long enough to be interrupted in.
+  ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".2", "unplug"}).exit_code, 0);
+  const int before = FramesSent();
+  const ProcessOutcome opening = Capture("early/set", {}, "patient.toml",
+                                         [&] { return FramesSent() > before; });  // the warm-up
+  EXPECT_EQ(opening.exit_code, 130);
+  EXPECT_EQ(opening.errors, "rotunda: interrupted while the cameras were being opened\n");
+  ASSERT_EQ(cameras_->Send({"clear"}).exit_code, 0);
+  ASSERT_EQ(cameras_->Send({"fault", "all", "mute"}).exit_code, 0);
+  const ProcessOutcome waiting = Capture("early/set", {}, "patient.toml", [] {
+    if (!IsAcquiring()) return false;
+    // For the warm-up frame it is so for a moment only.
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    return IsAcquiring();
+  });
+  EXPECT_EQ(waiting.exit_code, 130);
+  EXPECT_EQ(waiting.errors, "rotunda: interrupted before a picture had come, nothing is left\n");
+  EXPECT_TRUE(std::filesystem::is_empty(place));
 }
 
 TEST_F(CaptureCommand, FiresTheInputThatTheCamerasAreSetTo) {
@@ -222,7 +300,7 @@ TEST_F(CaptureCommand, ADiskThatDoesNotAnswerIsToldAndTheShotIsKept) {
 }
 
 TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
-  const ProcessOutcome all = Run({"cameras", "--rig", *folder_ / "rig.toml", "--json"});
+  const ProcessOutcome all = RunRotunda({"cameras", "--rig", *folder_ / "rig.toml", "--json"});
   ASSERT_EQ(all.exit_code, 0) << all.errors;
   const Json cameras = Json::parse(all.output).at("cameras");
   ASSERT_EQ(cameras.size(), 4u);
@@ -238,20 +316,32 @@ TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   EXPECT_EQ(cameras[0].at("last_frame_id"), 1) << "of the warm-up";
   EXPECT_GE(cameras[0].at("last_frame_age_s"), 0.0);
   ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".3", "unplug"}).exit_code, 0);
-  const ProcessOutcome less = Run({"cameras", "--rig", *folder_ / "rig.toml"});
+  const ProcessOutcome less = RunRotunda({"cameras", "--rig", *folder_ / "rig.toml"});
   EXPECT_EQ(less.exit_code, 1);
   EXPECT_TRUE(Contains(less.errors, "3 of 4 are ready")) << less.errors;
   EXPECT_TRUE(Contains(less.output, "no camera answers")) << less.output;
-  EXPECT_TRUE(Contains(less.output, " ready    held ")) << less.output;
+  EXPECT_TRUE(Contains(less.output, " ready        held ")) << less.output;
+  EXPECT_TRUE(Contains(less.output, " disconnected - ")) << less.output;
   EXPECT_TRUE(Contains(less.output, " 1, ") && Contains(less.output, " s ago")) << less.output;
 }
 
+TEST_F(CaptureCommand, CamerasCallsAnotherSerialAWrongCamera) {
+  const ProcessOutcome told = RunRotunda({"cameras", "--rig", *folder_ / "wrong.toml", "--json"});
+  EXPECT_EQ(told.exit_code, 1);
+  const Json cameras = Json::parse(told.output).at("cameras");
+  EXPECT_EQ(cameras[0].at("condition"), "ready");
+  EXPECT_EQ(cameras[1].at("condition"), "wrong camera");
+  EXPECT_TRUE(Contains(cameras[1].at("problem"), "serial OTHER expected at ")) << cameras[1];
+}
+
 TEST_F(CaptureCommand, WrongUsageIsRefused) {
-  EXPECT_EQ(Run({"capture", "--out", *folder_ / "x"}).exit_code, 2) << "by the daemon or not?";
-  EXPECT_EQ(Run({"capture", "--rig", *folder_ / "rig.toml"}).exit_code, 2);
-  EXPECT_EQ(Run({"capture", "--rig", "/nonexistent", "--out", *folder_ / "x"}).exit_code, 1);
-  const ProcessOutcome nobody = Run({"capture", "--rig", *folder_ / "rig.toml", "--out",
-                                     *folder_ / "x", "--simulated", *folder_ / "nobody.sock"});
+  EXPECT_EQ(RunRotunda({"capture", "--out", *folder_ / "x"}).exit_code, 2)
+      << "by the daemon or not?";
+  EXPECT_EQ(RunRotunda({"capture", "--rig", *folder_ / "rig.toml"}).exit_code, 2);
+  EXPECT_EQ(RunRotunda({"capture", "--rig", "/nonexistent", "--out", *folder_ / "x"}).exit_code, 1);
+  const ProcessOutcome nobody =
+      RunRotunda({"capture", "--rig", *folder_ / "rig.toml", "--out", *folder_ / "x", "--simulated",
+                  *folder_ / "nobody.sock"});
   EXPECT_EQ(nobody.exit_code, 1);
   EXPECT_TRUE(Contains(nobody.errors, "no simulator listens there")) << nobody.errors;
   const ProcessOutcome taken = Capture("served");

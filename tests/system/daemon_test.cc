@@ -49,15 +49,20 @@ bool WaitUntil(const std::function<bool()>& condition) {
 /// A folder with the daemon's configuration, its state and its sockets; starts and stops it.
 class Daemon {
  public:
-  /// `cameras`: [cameras] and what else capture.toml has.
-  Daemon(const std::string& cameras, const std::string& more_config) {
-    std::ofstream(folder_ / "capture.toml") << cameras;
+  struct Config {
+    std::string cameras;  // capture.toml
+    // Of rotundad.toml: more keys of [service] and [devices], more tables.
+    std::string service = "", devices = "", tables = "";
+  };
+  explicit Daemon(const Config& config) {
+    std::ofstream(folder_ / "capture.toml") << config.cameras;
     std::ofstream(folder_ / "rotundad.toml")
         << "[service]\nsocket = \"" << Socket().string() << "\"\nstate_folder = \""
-        << State().string() << "\"\n[devices]\nboard = \"" << ROTUNDA_SOURCE_DIR
-        << "/config/cuboid.toml\"\nsimulated_socket = \"" << CameraSocket().string()
-        << "\"\n[storage]\nreserve_mb = 10\n"
-        << more_config;
+        << State().string() << "\"\n"
+        << config.service << "[devices]\nboard = \"" << ROTUNDA_SOURCE_DIR
+        << "/config/cuboid.toml\"\nsimulated_socket = \"" << CameraSocket().string() << "\"\n"
+        << config.devices << "[storage]\nreserve_mb = 10\n"
+        << config.tables;
     listening_ = test::ListenAsSystemd(Socket());
     notify_ = std::make_unique<NotifySocket>(folder_ / "notify");
   }
@@ -126,9 +131,9 @@ class DaemonSystem : public testing::Test {
     Simulate(*folder_ / "person", {}, common);
     const auto set = ReadFrameSet(*folder_ / "person");
     ASSERT_TRUE(set) << set.error().ToString();
-    daemon_ =
-        std::make_unique<Daemon>(test::CaptureToml(*set, kBlock),
-                                 "[http]\nheartbeat_ms = " + std::to_string(kHeartbeat_ms) + "\n");
+    daemon_ = std::make_unique<Daemon>(
+        Daemon::Config{.cameras = test::CaptureToml(*set, kBlock),
+                       .tables = "[http]\nheartbeat_ms = " + std::to_string(kHeartbeat_ms) + "\n"});
     StartCameras();
   }
   static void TearDownTestSuite() {
@@ -449,6 +454,15 @@ void DaemonSystem::Reload() {
   EXPECT_NE(wrong.find(": food"), std::string::npos) << wrong;
   EXPECT_NE(wrong.find("the configuration is kept as it was"), std::string::npos) << wrong;
   fs::rename(daemon / "first.toml", file);
+  std::ifstream first(file);
+  std::string text(std::istreambuf_iterator<char>(first), {});
+  const std::string reserve = "reserve_mb = 10\n";
+  ASSERT_NE(text.find(reserve), std::string::npos);
+  text.replace(text.find(reserve), reserve.size(), "reserve_mb = 11\n");
+  std::ofstream(file) << text;
+  EXPECT_EQ(daemon.Get("/v1/status")["disk"]["reserve_bytes"], 10000000);
+  reload_with("");
+  EXPECT_EQ(daemon.Get("/v1/status")["disk"]["reserve_bytes"], 11000000);
 }
 
 /// Nothing is forgotten.
@@ -488,12 +502,12 @@ std::string NoCameras() {
   return "[uplinks.u]\n[cameras.c0]\nserial = \"NONE\"\naddress = \"127.42.10.1\"\n";
 }
 
-TEST(DaemonWatchdog, IsNotFedWhileAWorkerHangs) {
-  Daemon daemon(NoCameras(), "[jobs]\ncomputing_silence_s = 1\n");
-  const fs::path capture = daemon.State() / "captures" / "stuck";
+/// captures/ID in the state folder, as a backup brings it.
+fs::path AddCapture(const Daemon& daemon, const std::string& id) {
+  const fs::path capture = daemon.State() / "captures" / id;
   fs::create_directories(capture / "frames");
   FrameSet set;
-  set.id = "stuck";
+  set.id = id;
   set.captured_at = "2026-01-01T00:00:00Z";
   for (const char* camera : {"c0", "c1"}) {
     Frame& frame = set.frames.emplace_back();
@@ -505,6 +519,12 @@ TEST(DaemonWatchdog, IsNotFedWhileAWorkerHangs) {
     std::ofstream(capture / frame.file) << "picture";
   }
   std::ofstream(capture / "frameset.json") << FrameSetToJson(set);
+  return capture;
+}
+
+TEST(DaemonWatchdog, IsNotFedWhileAWorkerHangs) {
+  Daemon daemon({.cameras = NoCameras(), .tables = "[jobs]\ncomputing_silence_s = 1\n"});
+  const fs::path capture = AddCapture(daemon, "stuck");
   daemon.Start();
   ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
   ASSERT_EQ(daemon.Get("/v1/captures")["items"].size(), 1u) << daemon.Log();
@@ -522,6 +542,71 @@ TEST(DaemonWatchdog, IsNotFedWhileAWorkerHangs) {
   daemon.Start();
   EXPECT_EQ(daemon.Get("/v1/jobs/" + job.at("id").dump())["state"], "interrupted");
   EXPECT_TRUE(daemon.notify().WaitFor("WATCHDOG=1", kPatience));
+}
+
+/// What follows each "WORD: " in the log, one after the other.
+std::vector<std::string> Told(const std::string& log, const std::string& word) {
+  std::vector<std::string> told;
+  const std::string mark = word + ": ";
+  for (size_t at = log.find(mark); at != std::string::npos; at = log.find(mark, at + 1)) {
+    const size_t begin = at + mark.size();
+    told.push_back(log.substr(begin, log.find('\n', begin) - begin));
+  }
+  return told;
+}
+
+TEST(DaemonStop, EndsEverythingInTheReverseOrderOfItsStart) {
+  Daemon daemon({.cameras = NoCameras(), .devices = "ready_ms = 600000\n"});
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  const std::vector<std::string> parts = {"store", "cameras", "jobs", "housekeeping", "API"};
+  EXPECT_EQ(Told(daemon.Log(), "started"), parts) << daemon.Log();
+  // A stream and a job under way, which waits for its camera.
+  BackgroundProcess stream(
+      {{"curl", "-sN", "--unix-socket", daemon.Socket(), "http://localhost/v1/events?after=0"},
+       {},
+       std::nullopt,
+       daemon / "events"});
+  const Json job = daemon.Post("/v1/captures");
+  ASSERT_TRUE(WaitUntil([&] { return stream.Output().find("job_started") != std::string::npos; }));
+  daemon.process().Signal(SIGTERM);
+  EXPECT_TRUE(daemon.notify().WaitFor("STOPPING=1", kPatience));
+  EXPECT_EQ(daemon.process().Wait(), 0) << daemon.Log();
+  EXPECT_EQ(stream.Wait(), 0) << "the stream ended as a stream should";
+  const std::string log = daemon.Log();
+  EXPECT_EQ(Told(log, "ended"), std::vector<std::string>(parts.rbegin(), parts.rend())) << log;
+  // What is told of the job is stored, so the store was there until then.
+  const size_t interrupted = log.find(" job_interrupted " + job.at("id").dump() + " ");
+  ASSERT_NE(interrupted, std::string::npos) << log;
+  EXPECT_LT(interrupted, log.find("ended: jobs")) << log;
+  daemon.Start();
+  EXPECT_EQ(daemon.Get("/v1/jobs/" + job.at("id").dump())["state"], "interrupted");
+}
+
+TEST(DaemonStop, EndsInTimeAlsoWhenADiskDoesNotAnswer) {
+  Daemon daemon({.cameras = NoCameras(), .service = "stop_ms = 100\nend_ms = 1000\n"});
+  const fs::path stuck = AddCapture(daemon, "stuck"), shown = AddCapture(daemon, "shown");
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  // Files without an end: a request and a job hang on them.
+  fs::remove(shown / "frames/c0.png");
+  ASSERT_EQ(mkfifo((shown / "frames/c0.png").c_str(), 0600), 0);
+  ASSERT_EQ(mkfifo((stuck / "calibration.json").c_str(), 0600), 0);
+  BackgroundProcess picture({{"curl", "-s", "--unix-socket", daemon.Socket(),
+                              "http://localhost/v1/captures/shown/frames/c0.png"},
+                             {},
+                             std::nullopt,
+                             daemon / "picture"});
+  const std::string job =
+      "/v1/jobs/" + daemon.Post("/v1/captures/stuck/reconstructions").at("id").dump();
+  ASSERT_TRUE(WaitUntil([&] { return daemon.Get(job)["state"] == "running"; }));
+  daemon.process().Signal(SIGTERM);
+  EXPECT_EQ(daemon.process().Wait(), 1) << daemon.Log();
+  EXPECT_NE(daemon.Log().find("not at the end after 1000 ms (service.end_ms)"), std::string::npos)
+      << daemon.Log();
+  daemon.Start();
+  EXPECT_EQ(daemon.Get(job)["state"], "interrupted") << daemon.Log();
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"].size(), 2u);
 }
 
 TEST(DaemonStart, SaysEverythingThatIsWrongAndEnds) {

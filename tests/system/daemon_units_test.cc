@@ -5,7 +5,6 @@
 
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,15 +18,9 @@ namespace fs = std::filesystem;
 
 fs::path Units() { return fs::path(ROTUNDA_SOURCE_DIR) / "systemd"; }
 
-std::string Read(const fs::path& file) {
-  std::ostringstream text;
-  text << std::ifstream(file).rdbuf();
-  return text.str();
-}
-
 /// The unit as it is installed, but with the daemon that was built.
 std::string InstalledUnit() {
-  std::string text = Read(Units() / "rotunda.service.in");
+  std::string text = test::TextOf(Units() / "rotunda.service.in");
   const std::vector<std::pair<std::string, std::string>> values = {
       {"@prefix@/sbin/rotundad", ROTUNDA_DAEMON},
       {"@prefix@", "/usr"},
@@ -76,8 +69,8 @@ TEST_F(SystemdUnits, MakeTheUsersAndFoldersThatTheyName) {
   const auto users = test::RunProcess(
       {"systemd-sysusers", "--root=" + root.string(), Units() / "sysusers.d" / "rotunda.conf"});
   ASSERT_EQ(users.exit_code, 0) << users.errors;
-  EXPECT_NE(Read(root / "etc" / "passwd").find("rotunda:"), std::string::npos);
-  const std::string groups = Read(root / "etc" / "group");
+  EXPECT_NE(test::TextOf(root / "etc" / "passwd").find("rotunda:"), std::string::npos);
+  const std::string groups = test::TextOf(root / "etc" / "group");
   for (const char* group : {"rotunda:", "rotunda-operator:", "gpio:"}) {
     EXPECT_NE(groups.find(group), std::string::npos) << groups;
   }
@@ -85,6 +78,52 @@ TEST_F(SystemdUnits, MakeTheUsersAndFoldersThatTheyName) {
                                          Units() / "tmpfiles.d" / "rotunda.conf"});
   EXPECT_EQ(folders.exit_code, 0) << folders.errors;
   EXPECT_TRUE(fs::is_directory(root / "var" / "lib" / "rotunda"));
+}
+
+/// What udevd does with the rule for a chip that appears, in a testbed: nothing outside of it is
+/// changed, but for /dev/char, which udevadm needs and may have to be made.
+TEST(UdevRule, GivesTheTriggersChipToItsGroup) {
+  if (geteuid() != 0 || test::RunProcess({"unshare", "--mount", "true"}).exit_code != 0) {
+    GTEST_SKIP() << "a testbed for udev takes root and a mount namespace";
+  }
+  const test::TemporaryFolder folder;
+  fs::create_directories(folder / "rules.d");
+  fs::copy_file(Units() / "udev" / "60-rotunda-gpio.rules",
+                folder / "rules.d" / "60-rotunda-gpio.rules");
+  std::ofstream(folder / "group") << "gpio:x:4711:\n" << test::TextOf("/etc/group");
+  for (const char* chip : {"gpiochip0", "gpiochip12"}) {
+    std::ofstream(folder / "device")
+        << "P: /devices/platform/mock/" << chip << "\nN: " << chip << "\nE: DEVNAME=/dev/" << chip
+        << "\nE: SUBSYSTEM=gpio\nE: MAJOR=254\nE: MINOR=0\n"
+           "A: dev=254:0\\n\n\n";
+    const auto event = test::RunProcess(
+        {"unshare", "--mount", "sh", "-ec",
+         "mkdir -p /usr/lib/udev/rules.d /dev/char; cd \"$0\"\n"
+         "mount --bind rules.d /usr/lib/udev/rules.d; mount --bind group /etc/group\n"
+         "mount -t tmpfs none /run; mount -t tmpfs none /dev/char\n"
+         "exec umockdev-run -d device -- udevadm test \"/sys/devices/platform/mock/$1\" 2>&1",
+         folder.path(), chip});
+    EXPECT_EQ(event.exit_code, 0) << event.output << event.errors;
+    // Of each line that speaks of the file, what stands behind its name; problems stand there, too.
+    std::vector<std::string> told;
+    std::istringstream lines(event.output);
+    for (std::string line; std::getline(lines, line);) {
+      const size_t name = line.find("60-rotunda-gpio.rules:");
+      if (name != std::string::npos) told.push_back(line.substr(line.find(' ', name) + 1));
+    }
+    EXPECT_EQ(told, (std::vector<std::string>{"GROUP 4711", "MODE 0660"})) << event.output;
+  }
+}
+
+TEST(SysctlFile, HasNoKeyThatTheKernelDoesNotKnow) {
+  if (!fs::exists("/proc/sys/net/core/rmem_max")) {
+    GTEST_SKIP() << "this container does not see the kernel's settings of the network";
+  }
+  const auto checked = test::RunProcess(
+      {"sysctl", "--dry-run", "--load=" + (Units() / "sysctl-rotunda.conf").string()});
+  EXPECT_EQ(checked.exit_code, 0) << checked.errors;
+  EXPECT_EQ(checked.errors, "");
+  EXPECT_EQ(checked.output, "net.core.rmem_max = 33554432\nnet.core.netdev_max_backlog = 10000\n");
 }
 
 TEST(Install, PutsEverythingInPlace) {
@@ -102,7 +141,7 @@ TEST(Install, PutsEverythingInPlace) {
         "share/doc/rotunda/README.md"}) {
     EXPECT_TRUE(fs::is_regular_file(prefix / file)) << file;
   }
-  const std::string unit = Read(prefix / "lib/systemd/system/rotunda.service");
+  const std::string unit = test::TextOf(prefix / "lib/systemd/system/rotunda.service");
   EXPECT_NE(unit.find("ExecStart=" + prefix.string() + "/sbin/rotundad --config " +
                       prefix.string() + "/etc/rotunda/rotundad.toml\n"),
             std::string::npos)

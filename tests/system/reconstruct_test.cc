@@ -19,6 +19,7 @@
 #include "sfm/stage_io.h"
 #include "tests/support/colmap_database_writer.h"
 #include "tests/support/process.h"
+#include "tests/support/rotunda_command.h"
 #include "tests/support/strecha.h"
 
 namespace rotunda {
@@ -27,12 +28,8 @@ namespace {
 namespace fs = std::filesystem;
 using test::ProcessOutcome;
 using test::RunProcess;
+using test::RunRotunda;
 using test::TemporaryFolder;
-
-ProcessOutcome Rotunda(std::vector<std::string> arguments) {
-  arguments.insert(arguments.begin(), ROTUNDA_COMMAND);
-  return RunProcess(arguments);
-}
 
 std::string Bytes(const fs::path& file) {
   const Result<std::string> bytes = ReadFile(file);
@@ -40,7 +37,7 @@ std::string Bytes(const fs::path& file) {
 }
 
 nlohmann::json Evaluate(const fs::path& measured, const fs::path& truth) {
-  const ProcessOutcome outcome = Rotunda({"evaluate", measured, "--truth", truth, "--json"});
+  const ProcessOutcome outcome = RunRotunda({"evaluate", measured, "--truth", truth, "--json"});
   EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
   return nlohmann::json::parse(outcome.output);
 }
@@ -90,8 +87,8 @@ class SimulatedCapture : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     folder_ = new TemporaryFolder();
-    const ProcessOutcome simulated =
-        Rotunda({"simulate", *folder_ / "set", "--cameras", "30", "--scale", "0.5", "--seed", "5"});
+    const ProcessOutcome simulated = RunRotunda(
+        {"simulate", *folder_ / "set", "--cameras", "30", "--scale", "0.5", "--seed", "5"});
     ASSERT_EQ(simulated.exit_code, 0) << simulated.errors;
     Reconstruct("out", {"--threads", "2", "--stages", *folder_ / "stages"});
   }
@@ -102,7 +99,7 @@ class SimulatedCapture : public testing::Test {
   static void Reconstruct(const std::string& out, const std::vector<std::string>& more) {
     std::vector<std::string> arguments = {"reconstruct", *folder_ / "set", "--out", *folder_ / out};
     arguments.insert(arguments.end(), more.begin(), more.end());
-    const ProcessOutcome outcome = Rotunda(arguments);
+    const ProcessOutcome outcome = RunRotunda(arguments);
     ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
     EXPECT_EQ(outcome.errors, "") << "quiet when piped";
   }
@@ -239,7 +236,7 @@ TEST_F(SimulatedCapture, ExportsAreReadable) {
        {"colmap", "colmap-text", "nerfstudio", "metashape", "realitycapture", "ply"}) {
     const fs::path out = *folder_ / (std::string("export-") + format);
     const ProcessOutcome outcome =
-        Rotunda({"export", *folder_ / "out", "--format", format, "--out", out, "--json"});
+        RunRotunda({"export", *folder_ / "out", "--format", format, "--out", out, "--json"});
     ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
     EXPECT_EQ(nlohmann::json::parse(outcome.output)["images"], 30);
   }
@@ -273,7 +270,7 @@ TEST_F(SimulatedCapture, ExportWarnsOfPosesThatAreNotSure) {
     poses["summary"]["verdict"] = verdict;
     std::ofstream(model / "poses.json") << poses;
     const ProcessOutcome outcome =
-        Rotunda({"export", model, "--format", "ply", "--out", *folder_ / ("ply-" + verdict)});
+        RunRotunda({"export", model, "--format", "ply", "--out", *folder_ / ("ply-" + verdict)});
     EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
     EXPECT_EQ(outcome.errors.find("warning") != std::string::npos, verdict != "sure") << verdict;
   }
@@ -308,8 +305,8 @@ class RealPhotographs : public testing::TestWithParam<std::string> {
 
 TEST_P(RealPhotographs, KnownIntrinsics) {
   const ProcessOutcome outcome =
-      Rotunda({"reconstruct", scene_ / "images", "--calibration", folder_ / "truth.json",
-               "--fix-intrinsics", "--out", folder_ / "out"});
+      RunRotunda({"reconstruct", scene_ / "images", "--calibration", folder_ / "truth.json",
+                  "--fix-intrinsics", "--out", folder_ / "out"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
   const nlohmann::json errors = Evaluate(folder_ / "out" / "poses.json", folder_ / "truth.json");
   EXPECT_EQ(errors["registered"], truth_.cameras.size());
@@ -321,7 +318,7 @@ TEST_P(RealPhotographs, KnownIntrinsics) {
 
 TEST_P(RealPhotographs, PlainFolderWithoutCalibration) {
   const ProcessOutcome outcome =
-      Rotunda({"reconstruct", scene_ / "images", "--out", folder_ / "out"});
+      RunRotunda({"reconstruct", scene_ / "images", "--out", folder_ / "out"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
   const nlohmann::json errors = Evaluate(folder_ / "out" / "poses.json", folder_ / "truth.json");
   EXPECT_EQ(errors["registered"], truth_.cameras.size());

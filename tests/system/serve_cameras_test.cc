@@ -8,24 +8,22 @@
 #include <vector>
 
 #include "tests/support/process.h"
+#include "tests/support/rotunda_command.h"
 #include "tests/support/served_cameras.h"
 #include "tests/support/small_frame_set.h"
 
 namespace rotunda {
 namespace {
 
+using test::Contains;
 using test::ProcessOutcome;
 using test::RunProcess;
 using test::ServedCameras;
 using test::TemporaryFolder;
 
 ProcessOutcome Simulate(std::vector<std::string> arguments) {
-  arguments.insert(arguments.begin(), {ROTUNDA_COMMAND, "simulate"});
-  return RunProcess(arguments);
-}
-
-bool Contains(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
+  arguments.insert(arguments.begin(), "simulate");
+  return test::RunRotunda(arguments);
 }
 
 /// Three small cameras.
@@ -49,6 +47,13 @@ TEST_F(ServeCameras, TakeCommandsUntilTheyAreEnded) {
   const ProcessOutcome wrong = served.Send({"fault", "all", "explode"});
   EXPECT_EQ(wrong.exit_code, 1);
   EXPECT_TRUE(Contains(wrong.errors, "expected one of drop, no-resend")) << wrong.errors;
+  const ProcessOutcome bare = served.Send({"fault", "all", "drop"});
+  EXPECT_EQ(bare.exit_code, 1);
+  EXPECT_TRUE(Contains(bare.errors, "\"drop\" needs a value, 0..1")) << bare.errors;
+  EXPECT_EQ(served.Send({"shot", "0"}).output, "shot 0\n");
+  const ProcessOutcome beyond = served.Send({"shot", "99"});
+  EXPECT_EQ(beyond.exit_code, 1);
+  EXPECT_TRUE(Contains(beyond.errors, "shot is 99, expected 0, the only one")) << beyond.errors;
   EXPECT_TRUE(Contains(served.Send({"list"}).output, "127.42.1.3 "));
   EXPECT_TRUE(std::filesystem::exists(served.socket()));
   const ProcessOutcome& ended = served.End();
@@ -99,6 +104,16 @@ TEST_F(ServeCameras, WrongUsageIsRefused) {
   EXPECT_EQ(Simulate({"--serve", "--block", "10.0.0"}).exit_code, 2);
   EXPECT_EQ(Simulate({"--serve", "--pixel-format", "Mono12"}).exit_code, 2);
   EXPECT_EQ(Simulate({"--serve", "/nonexistent"}).exit_code, 1);
+}
+
+TEST_F(ServeCameras, SeveralCamerasCanBeMoved) {
+  EXPECT_EQ(Simulate({"out", "--move", "c00r0", "far"}).exit_code, 2);
+  EXPECT_EQ(Simulate({"out", "--move", "c00r0"}).exit_code, 2);
+  // Two pairs, and the folder is not taken for part of them.
+  const ProcessOutcome moved =
+      Simulate({"--move", "c00r0", "-5", "--move", "nobody", "3", *folder_ / "out"});
+  EXPECT_EQ(moved.exit_code, 1);
+  EXPECT_TRUE(Contains(moved.errors, "the rig has no camera 'nobody'")) << moved.errors;
 }
 
 }  // namespace

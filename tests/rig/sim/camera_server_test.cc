@@ -338,6 +338,7 @@ TEST(CameraServer, TakesCommands) {
     EXPECT_EQ(*SendServerCommand(socket, "fault all late 3"), "2 cameras");
     EXPECT_EQ(*SendServerCommand(socket, "clear"), "2 cameras");
     EXPECT_EQ(*SendServerCommand(socket, "shot 4"), "shot 4");
+    EXPECT_FALSE(SendServerCommand(socket, "shot -1").ok());
     EXPECT_EQ(SendServerCommand(socket, "fault c009 drop 0.5").error().code, ErrorCode::kFailed);
     EXPECT_EQ(SendServerCommand(socket, "explode").error().code, ErrorCode::kFailed);
     const auto list = SendServerCommand(socket, "list");

@@ -162,6 +162,8 @@ TEST(ServerCommand, NamesWhatItDoesNotUnderstand) {
               {"fault c1 breaks", "expected one of drop, no-resend"},
               {"fault c1 drop 1.5", "value of \"drop\" is 1.5, expected 0 to 1"},
               {"fault c1 drop nan", "value of \"drop\""},
+              {"fault c1 drop", "\"drop\" needs a value, 0..1: each packet is lost"},
+              {"fault c1 steal", "\"steal\" needs a value, 0 or 1"},
               {"fault c1 mute 0 -1", "frames of \"mute\" is -1"},
               {"shot", "expected pulse"}};
   for (const auto& row : rows) {

@@ -81,7 +81,7 @@ TEST(SimulateFrameSet, ReadsBackAsAFrameSetWithTruth) {
     EXPECT_EQ(picture->height, truth->cameras[i].intrinsics.height_px);
   }
   EXPECT_EQ(truth->source, CalibrationSource::kTruth);
-  EXPECT_EQ(set->id, "simulated-3");
+  EXPECT_EQ(set->id, "simulated-3-placement-0");
   EXPECT_EQ(truth->id, "simulated-3");
   EXPECT_EQ(set->trigger.at("source"), TriggerValue("simulated"));
 }
@@ -94,7 +94,7 @@ TEST(SimulateFrameSet, AMovedCameraIsNotWhereItsCalibrationHasIt) {
   ASSERT_TRUE(SimulateFrameSet({}, options, before, context));
   const auto was = ReadCalibration(before / "truth.json");
   ASSERT_TRUE(was);
-  options.moved = {was->cameras[2].camera, 20};
+  options.moved = {{was->cameras[2].camera, 20}, {was->cameras[0].camera, -5}};
   ASSERT_TRUE(SimulateFrameSet({}, options, after, context));
   const auto is = ReadCalibration(after / "truth.json");
   ASSERT_TRUE(is);
@@ -103,13 +103,14 @@ TEST(SimulateFrameSet, AMovedCameraIsNotWhereItsCalibrationHasIt) {
     const Rigid3& now = is->cameras[i].cam_from_rig;
     const Eigen::Vector3d moved_m = now.OriginInSource() - old.OriginInSource();
     const Eigen::Vector3d right = old.rotation.conjugate() * Eigen::Vector3d::UnitX();
-    EXPECT_LT((moved_m - (i == 2 ? 0.020 : 0.0) * right).norm(), 1e-12) << i;
+    const double expected_m = i == 2 ? 0.020 : i == 0 ? -0.005 : 0;
+    EXPECT_LT((moved_m - expected_m * right).norm(), 1e-12) << i;
     EXPECT_LT(RotationAngle_rad(now.rotation, old.rotation), 1e-12) << i;
     const std::string file = "frames/" + was->cameras[i].camera + ".png";
-    EXPECT_EQ(*ReadFile(before / file) == *ReadFile(after / file), i != 2) << i;
+    EXPECT_EQ(*ReadFile(before / file) == *ReadFile(after / file), expected_m == 0) << i;
   }
   EXPECT_EQ(*ReadFile(before / "calibration.json"), *ReadFile(after / "calibration.json"));
-  options.moved = {"c99r9", 20};
+  options.moved = {{"c99r9", 20}};
   const Status refused = SimulateFrameSet({}, options, Fresh("none"), context);
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
@@ -301,6 +302,8 @@ TEST(SimulatePlacements, SameRigAndTargetInEveryShot) {
   ASSERT_TRUE(truth) << truth.error().ToString();
   EXPECT_EQ(truth->board.size(), 5u);
   EXPECT_NE(ReadFrameSet(out / "placement_00")->id, ReadFrameSet(out / "placement_01")->id);
+  EXPECT_EQ(ReadFrameSet(out / "placement_00")->captured_at, "2000-01-01T00:00:00Z");
+  EXPECT_EQ(ReadFrameSet(out / "placement_01")->captured_at, "2000-01-01T00:01:00Z");
   EXPECT_TRUE(ReadCalibration(out / "placement_01" / "calibration.json")->board.empty());
 }
 

@@ -122,6 +122,7 @@ Calibration MakeWhole() {
   face.board_from_face.translation = {0.2, 0, 1.5};
   face.bow_m = {1e-4, -3e-4};
   face.sigma = FaceSigma{0.01, 0.02, 0.03};
+  face.print = FacePrint{7, 24, 60.5, 45, "APRILTAG_36h11", 87, true};
   calibration.board = {face};
   CalibrationResiduals residuals;
   residuals.corners = 120;
@@ -142,8 +143,29 @@ TEST(Calibration, KeepsCovariancesTheTargetAndResiduals) {
   EXPECT_EQ(read->cameras[0].fit->kept, 118u);
   ASSERT_EQ(read->board.size(), 1u);
   EXPECT_EQ(read->board[0].bow_m, whole.board[0].bow_m);
+  const FacePrint& print = *read->board[0].print;
+  EXPECT_EQ(print.columns, 7);
+  EXPECT_EQ(print.rows, 24);
+  EXPECT_EQ(print.square_mm, 60.5);
+  EXPECT_EQ(print.marker_mm, 45);
+  EXPECT_EQ(print.dictionary, "APRILTAG_36h11");
+  EXPECT_EQ(print.first_id, 87);
+  EXPECT_TRUE(print.legacy_pattern);
   EXPECT_EQ(read->residuals->held_out_rms_px, 0.06);
   EXPECT_FALSE(read->residuals->held_out_p95_px.has_value());
+}
+
+TEST(Calibration, WhatIsPrintedNeedNotBeSaidButMustBeWhole) {
+  json text = json::parse(CalibrationToJson(MakeWhole()));
+  text["board"]["faces"][0]["print"]["rows"] = -3;
+  const auto negative = CalibrationFromJson(text.dump(), "text");
+  ASSERT_FALSE(negative.ok());
+  EXPECT_NE(negative.error().ToString().find("board.faces[0].print.rows"), std::string::npos)
+      << negative.error().ToString();
+  text["board"]["faces"][0].erase("print");
+  const auto without = CalibrationFromJson(text.dump(), "text");
+  ASSERT_TRUE(without.ok()) << without.error().ToString();
+  EXPECT_FALSE(without->board[0].print.has_value());
 }
 
 TEST(Calibration, RefusesABrokenCovarianceAndAFaceTwice) {

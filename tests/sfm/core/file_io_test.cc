@@ -207,6 +207,34 @@ TEST(OutputFolder, NothingRemainsOfAFullDisk) {
   EXPECT_EQ(*code, 0);
 }
 
+TEST(CheckOutputFile, TellsBeforehandWhatWouldFail) {
+  const TemporaryFolder folder;
+  EXPECT_TRUE(CheckOutputFile(folder / "new.json").ok());
+  Put(folder / "old.json", "old");
+  EXPECT_TRUE(CheckOutputFile(folder / "old.json").ok());
+  EXPECT_EQ(Names(folder.path()), std::set<std::string>{"old.json"});
+  const Status a_folder = CheckOutputFile(folder.path());
+  ASSERT_FALSE(a_folder.ok());
+  EXPECT_NE(a_folder.error().message.find("is a folder"), std::string::npos);
+  EXPECT_EQ(a_folder.error().context, folder.path().string());
+  const Status nowhere = CheckOutputFile(folder / "none" / "new.json");
+  ASSERT_FALSE(nowhere.ok());
+  EXPECT_EQ(nowhere.error().code, ErrorCode::kNotFound);
+  EXPECT_NE(nowhere.error().message.find("make it first"), std::string::npos);
+  EXPECT_FALSE(CheckOutputFile(folder / "old.json" / "new.json").ok());
+}
+
+TEST(OutputFolder, ErrorsNameThePlaceThatWasAskedFor) {
+  const TemporaryFolder folder;
+  const auto out = OutputFolder::Begin(folder / "prints");
+  ASSERT_TRUE(out.ok());
+  const Status failed = WriteFileAtomically(out->path() / "none" / "front.pdf", "text");
+  ASSERT_FALSE(failed.ok());
+  EXPECT_EQ(out->InPlace(failed.error()).context, (folder / "prints/none/front.pdf").string());
+  const Error elsewhere = {ErrorCode::kIo, "cannot write", "/elsewhere"};
+  EXPECT_EQ(out->InPlace(elsewhere).context, "/elsewhere");
+}
+
 TEST(CheckOutputPlace, TellsBeforehandWhatWouldFail) {
   const test::TemporaryFolder folder;
   EXPECT_TRUE(CheckOutputPlace(folder / "set", 1000));

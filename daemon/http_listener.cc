@@ -1,0 +1,59 @@
+#include "daemon/http_listener.h"
+
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <string>
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kBacklog = 64;
+
+}  // namespace
+
+Result<int> ListenOn(const fs::path& path) {
+  const auto failed = [&path](const std::string& what) {
+    return Error{ErrorCode::kIo, what + ": " + std::strerror(errno), path.string()};
+  };
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path.native().size() >= sizeof(address.sun_path)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "is longer than the " + std::to_string(sizeof(address.sun_path) - 1) +
+                     " bytes that a socket's name may have",
+                 path.string()};
+  }
+  std::memcpy(address.sun_path, path.c_str(), path.native().size());
+  const auto* name = reinterpret_cast<const sockaddr*>(&address);
+  struct stat there {};
+  if (lstat(path.c_str(), &there) == 0) {
+    if (!S_ISSOCK(there.st_mode)) {
+      return Error{ErrorCode::kAlreadyExists, "is there and not a socket", path.string()};
+    }
+    const int probe = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    const bool answered = probe >= 0 && connect(probe, name, sizeof(address)) == 0;
+    if (probe >= 0) close(probe);
+    if (answered) {
+      return Error{ErrorCode::kAlreadyExists, "another program serves there", path.string()};
+    }
+    unlink(path.c_str());
+  }
+  const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (fd < 0) return failed("no socket");
+  if (bind(fd, name, sizeof(address)) != 0 || chmod(path.c_str(), 0660) != 0 ||
+      listen(fd, kBacklog) != 0) {
+    const Error error = failed("cannot be listened on");
+    close(fd);
+    return error;
+  }
+  return fd;
+}
+
+}  // namespace rotunda::daemon
