@@ -200,8 +200,8 @@ class CeresAdjustment {
     }
     Store();
     return BundleAdjustmentReport{summary.termination_type == ceres::CONVERGENCE,
-                                  static_cast<int>(summary.iterations.size()), summary.initial_cost,
-                                  summary.final_cost};
+                                  static_cast<int>(summary.iterations.size()) - 1,
+                                  summary.initial_cost, summary.final_cost};
   }
 
  private:

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 namespace rotunda::sfm {
@@ -122,11 +123,13 @@ class PointElimination {
       if (context_.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", "bundle adjustment"};
       ++report.iterations;
       const Step step = TakeStep(radius);
+      if (!step.solved && radius < kMinRadius) {
+        return Error{ErrorCode::kFailed, "the normal equations cannot be solved, however damped",
+                     "bundle adjustment"};
+      }
       const double decrease = step.solved ? cost - Cost() : kNoNumber;
-      report.converged =
-          std::abs(decrease) <= options_.function_tolerance * cost ||
-          step.squared_length <= kStepTolerance * kStepTolerance * step.squared_size ||
-          radius < kMinRadius;
+      report.converged = std::abs(decrease) <= options_.function_tolerance * cost ||
+                         step.IsNegligible() || radius < kMinRadius;
       const double gain = decrease / step.predicted;
       if (gain > kMinGain) {
         const double growth = std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3));
@@ -152,6 +155,9 @@ class PointElimination {
     double squared_length = 0;
     double squared_size = 0;  // of what was moved
 
+    bool IsNegligible() const {
+      return solved && squared_length <= kStepTolerance * kStepTolerance * squared_size;
+    }
     void Add(const Step& other) {
       predicted += other.predicted;
       squared_length += other.squared_length;
@@ -293,8 +299,8 @@ class PointElimination {
     }
   }
 
-  /// The cameras' step; empty when the system cannot be solved.
-  Eigen::VectorXd SolveCameras(double radius) {
+  /// The cameras' step; nothing when the system cannot be solved.
+  std::optional<Eigen::VectorXd> SolveCameras(double radius) {
     for (ReducedSystem& system : systems_) system.Clear(images_.size());
     ForPoints([&](size_t chunk, size_t p) { EliminatePoint(chunk, p, radius); });
     ReducedSystem& sum = systems_[0];
@@ -314,23 +320,25 @@ class PointElimination {
       right.segment<6>(r) = sum.right[row] - normal.gradient;
     }
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(matrix);
-    if (!sum.ok || factor.info() != Eigen::Success) return {};
-    return factor.solve(right);
+    if (!sum.ok || factor.info() != Eigen::Success) return std::nullopt;
+    Eigen::VectorXd step = factor.solve(right);
+    if (!step.allFinite()) return std::nullopt;
+    return step;
   }
 
   /// Moves the problem by one damped step; where it stood is kept aside.
   Step TakeStep(double radius) {
     poses_before_ = problem_.poses;
     points_before_ = problem_.points;
-    const Eigen::VectorXd step = SolveCameras(radius);
+    const std::optional<Eigen::VectorXd> step = SolveCameras(radius);
     Step sum;
-    sum.solved = step.size() > 0;
-    if (!sum.solved) return sum;
+    if (!step) return sum;
+    sum.solved = true;
     std::array<Step, kChunks> parts;
-    ForPoints([&](size_t chunk, size_t p) { MovePoint(p, step, radius, parts[chunk]); });
+    ForPoints([&](size_t chunk, size_t p) { MovePoint(p, *step, radius, parts[chunk]); });
     for (const Step& part : parts) sum.Add(part);
     for (size_t c = 0; c < images_.size(); ++c) {
-      const Vector6d moved = step.segment<6>(static_cast<Eigen::Index>(6 * c));
+      const Vector6d moved = step->segment<6>(static_cast<Eigen::Index>(6 * c));
       BundlePose& pose = problem_.poses[images_[c]];
       const Eigen::Vector3d turn = moved.head<3>();
       const Eigen::Quaterniond turned(

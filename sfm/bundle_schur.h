@@ -9,7 +9,8 @@ namespace rotunda::sfm {
 /// factorised; the damping follows Nielsen (1999), losses weigh the squares anew at every step.
 /// Memory: 144 bytes an observation and 2.3 kB a pair of free images. The sums are taken in parts
 /// that the problem alone decides: the same bits on any number of threads. kFailed: a residual is
-/// not finite; kCancelled. `problem` is half moved after an error.
+/// not finite, or the normal equations cannot be solved; kCancelled. `problem` is half moved after
+/// an error.
 Result<BundleAdjustmentReport> SolveByPointElimination(BundleProblem& problem,
                                                        const BundleAdjustmentOptions& options,
                                                        RunContext& context);

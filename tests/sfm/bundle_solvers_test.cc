@@ -2,7 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
+#include <stop_token>
 #include <string>
+#include <utility>
 
 #include "sfm/bundle_ceres.h"
 #include "sfm/bundle_schur.h"
@@ -117,6 +120,46 @@ INSTANTIATE_TEST_SUITE_P(Losses, BundleSolversTest,
                                            Case{"Cauchy", Loss::kCauchy, 1},
                                            Case{"SomeHeld", Loss::kSoftL1, 5}),
                          [](const auto& info) { return std::string(info.param.name); });
+
+Error ErrorOfElimination(BundleProblem problem, std::stop_token stop = {}) {
+  ThreadPool threads(1);
+  RunContext context{threads, std::move(stop)};
+  const auto report = SolveByPointElimination(problem, BundleAdjustmentOptions{}, context);
+  EXPECT_FALSE(report);
+  return report ? Error{} : report.error();
+}
+
+/// A point almost in the centre of the held camera, on its axis: no residual, but derivatives whose
+/// squares overflow.
+TEST(PointEliminationTest, DoesNotCallItConvergedWhenNoStepCanBeSolved) {
+  BundleProblem problem = MakeProblem(MakeSyntheticWorld(SyntheticOptions{}), 1);
+  const CameraIntrinsics& lens = problem.lenses[problem.poses[0].lens];
+  problem.poses[0].rotation = Eigen::Quaterniond::Identity();
+  problem.poses[0].center.setZero();
+  problem.points.push_back({0, 0, 1e-160});
+  Eigen::Vector2d axis;
+  DistortToPixel(lens.model, lens.params.data(), 0.0, 0.0, &axis.x(), &axis.y());
+  problem.observations.push_back({axis, 1.0, 0});
+  problem.first_observation.push_back(problem.observations.size());
+  const Error error = ErrorOfElimination(problem);
+  EXPECT_EQ(error.code, ErrorCode::kFailed);
+  EXPECT_NE(error.message.find("cannot be solved"), std::string::npos) << error.message;
+}
+
+TEST(PointEliminationTest, RefusesAStartThatIsNotFinite) {
+  BundleProblem problem = MakeProblem(MakeSyntheticWorld(SyntheticOptions{}), 1);
+  problem.points[3].z() = std::numeric_limits<double>::quiet_NaN();
+  const Error error = ErrorOfElimination(problem);
+  EXPECT_EQ(error.code, ErrorCode::kFailed);
+  EXPECT_NE(error.message.find("not finite"), std::string::npos) << error.message;
+}
+
+TEST(PointEliminationTest, CanBeCancelled) {
+  std::stop_source stop;
+  stop.request_stop();
+  const BundleProblem problem = MakeProblem(MakeSyntheticWorld(SyntheticOptions{}), 1);
+  EXPECT_EQ(ErrorOfElimination(problem, stop.get_token()).code, ErrorCode::kCancelled);
+}
 
 }  // namespace
 }  // namespace rotunda::sfm
