@@ -129,17 +129,17 @@ Error ErrorOfElimination(BundleProblem problem, std::stop_token stop = {}) {
   return report ? Error{} : report.error();
 }
 
-/// A point almost in the centre of the held camera, on its axis: no residual, but derivatives whose
-/// squares overflow.
+/// A point almost in the centre of a camera that moves, on its axis: no residual, but derivatives
+/// whose squares overflow.
 TEST(PointEliminationTest, DoesNotCallItConvergedWhenNoStepCanBeSolved) {
   BundleProblem problem = MakeProblem(MakeSyntheticWorld(SyntheticOptions{}), 1);
-  const CameraIntrinsics& lens = problem.lenses[problem.poses[0].lens];
-  problem.poses[0].rotation = Eigen::Quaterniond::Identity();
-  problem.poses[0].center.setZero();
+  const CameraIntrinsics& lens = problem.lenses[problem.poses[1].lens];
+  problem.poses[1].rotation = Eigen::Quaterniond::Identity();
+  problem.poses[1].center.setZero();
   problem.points.push_back({0, 0, 1e-160});
   Eigen::Vector2d axis;
   DistortToPixel(lens.model, lens.params.data(), 0.0, 0.0, &axis.x(), &axis.y());
-  problem.observations.push_back({axis, 1.0, 0});
+  problem.observations.push_back({axis, 1.0, 1});
   problem.first_observation.push_back(problem.observations.size());
   const Error error = ErrorOfElimination(problem);
   EXPECT_EQ(error.code, ErrorCode::kFailed);
