@@ -76,7 +76,7 @@ class JobQueue::Worker {
   int64_t running_ = 0;    // 0: none
   std::stop_source stop_;  // of the running job
   Clock::time_point last_sign_ = Clock::now();
-  Clock::time_point last_told_;
+  std::optional<Clock::time_point> last_told_;  // by the running job
   std::mutex telling_;  // progress comes from many threads, and goes to the store one by one
   std::thread thread_;
 };
@@ -108,7 +108,7 @@ void JobQueue::Worker::Do(JobRecord job) {
   // A cancel that came between taking the job and now did not find it running.
   const Result<JobRecord> current = FindJob(queue_.store_, job.number);
   if (current && current->cancel_requested) Cancel(job.number);
-  last_told_ = Clock::time_point();
+  last_told_.reset();
   context.progress = [this, told = job](std::string_view stage, size_t done, size_t total) mutable {
     Progress(told, stage, done, total);
   };
@@ -135,7 +135,7 @@ void JobQueue::Worker::Progress(JobRecord& job, std::string_view stage, size_t d
   }
   // Whoever finds the store busy with an earlier report has nothing to add.
   const std::unique_lock lock(telling_, std::try_to_lock);
-  if (!lock || now - last_told_ < queue_.options_.progress_interval) return;
+  if (!lock || (last_told_ && now - *last_told_ < queue_.options_.progress_interval)) return;
   last_told_ = now;
   job.stage = stage;
   job.done = done;
