@@ -1,18 +1,11 @@
 #include "rig/aravis_settings.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <thread>
 
 namespace rotunda::rig {
 namespace {
 
-using Clock = Camera::Clock;
-using std::chrono::milliseconds;
-
-constexpr auto kPtpPatience = std::chrono::seconds(15);
-constexpr auto kPtpPollInterval = milliseconds(100);
 constexpr int64_t kPtpOffsetLimit_ns = 10'000;
 
 // A value read back may differ by the camera's own steps.
@@ -162,14 +155,7 @@ Status CheckPtp(ArvCamera* camera) {
 Status ApplyPtp(ArvCamera* camera) {
   GErrorSlot error;
   arv_camera_set_boolean(camera, "PtpEnable", TRUE, error.out());
-  ROTUNDA_RETURN_IF_ERROR(error.status("PtpEnable"));
-  const auto deadline = Clock::now() + kPtpPatience;
-  Status follows = CheckPtp(camera);
-  while (!follows && Clock::now() < deadline) {
-    std::this_thread::sleep_for(kPtpPollInterval);
-    follows = CheckPtp(camera);
-  }
-  return follows;
+  return error.status("PtpEnable");
 }
 
 /// A camera that leaves shorter gaps than planned takes the others' part of the uplink, and one

@@ -21,7 +21,7 @@ Status ApplyPicture(ArvCamera* camera, const CameraSettings& settings);
 Status ApplyExposure(ArvCamera* camera, const CameraSettings& settings);
 /// A frame for every rising edge; the edge's source is another setting.
 Status ApplyTriggerMode(ArvCamera* camera);
-/// Switches PTP on and waits until the camera's clock follows its master; see CheckPtp.
+/// Switches PTP on. It takes seconds until the camera's clock follows its master: see CheckPtp.
 Status ApplyPtp(ArvCamera* camera);
 /// The gap between packets, which follows from the size that they have by now.
 Status ApplyPacketDelay(ArvCamera* camera, const BandwidthShare& bandwidth);

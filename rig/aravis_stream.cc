@@ -29,6 +29,7 @@ constexpr auto kQuietPatience = milliseconds(400);
 
 // Counters of Aravis' streams, by name.
 constexpr char kReceivedPackets[] = "n_received_packets";
+constexpr char kIgnoredPackets[] = "n_ignored_packets";
 constexpr char kResentPackets[] = "n_resent_packets";
 constexpr char kMissingPackets[] = "n_missing_packets";
 constexpr char kFramesWithoutBuffer[] = "n_underruns";
@@ -76,7 +77,8 @@ std::string WhyIncomplete(ArvBufferStatus status, uint64_t missing_packets) {
   switch (status) {
     case ARV_BUFFER_STATUS_TIMEOUT:
     case ARV_BUFFER_STATUS_MISSING_PACKETS:
-      return missing_packets == 0 ? "packets were lost"
+      if (missing_packets == 0) return "packets were lost";
+      return missing_packets == 1 ? "1 packet was lost"
                                   : std::to_string(missing_packets) + " packets were lost";
     case ARV_BUFFER_STATUS_WRONG_PACKET_ID:
       return "packets came in a wrong order";
@@ -210,7 +212,8 @@ void AravisStream::WaitForStragglers() const {
 }
 
 StreamCounters AravisStream::counters() const {
-  return {Counter(kResentPackets), Counter(kMissingPackets), Counter(kFramesWithoutBuffer)};
+  return {Counter(kReceivedPackets), Counter(kIgnoredPackets), Counter(kResentPackets),
+          Counter(kMissingPackets), Counter(kFramesWithoutBuffer)};
 }
 
 }  // namespace rotunda::rig

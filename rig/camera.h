@@ -90,6 +90,8 @@ struct ClockSample {
 
 /// How the stream of a camera fares; counts since it was opened.
 struct StreamCounters {
+  uint64_t received_packets = 0;
+  uint64_t ignored_packets = 0;  // of them: of frames that were not waited for, by their number
   uint64_t resent_packets = 0;
   uint64_t missing_packets = 0;
   uint64_t frames_without_memory = 0;  // a frame came that nobody had asked for
@@ -111,7 +113,7 @@ class Camera {
   virtual const CameraIdentity& identity() const = 0;
 
   /// Writes the settings and reads each back. kFailed names the feature, what was wanted and what
-  /// the camera has. Stops an acquisition.
+  /// the camera has. Stops an acquisition. PTP is switched on and not waited for: see CheckPtp.
   virtual Result<AppliedSettings> Apply(const CameraSettings& settings) = 0;
 
   /// Makes the camera wait for one trigger and lends it memory for one frame (payload_bytes at
@@ -137,7 +139,7 @@ class Camera {
   virtual Result<ClockSample> SampleClock() = 0;
   virtual StreamCounters counters() const = 0;
   virtual Result<CameraHealth> ReadHealth() = 0;
-  /// With CameraSettings::ptp: kFailed when the camera's clock does not follow its PTP master
+  /// With CameraSettings::ptp: kFailed while the camera's clock does not follow its PTP master
   /// closely.
   virtual Status CheckPtp() = 0;
   /// Asks the camera, after a call has failed: true when another has control, or nobody.

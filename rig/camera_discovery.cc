@@ -182,13 +182,14 @@ Result<std::vector<CameraIdentity>> DiscoverCameras(std::chrono::milliseconds pa
   std::vector<pollfd> readable;
   for (const Socket& socket : sockets) readable.push_back({socket.get(), POLLIN, 0});
   const auto deadline = Clock::now() + patience;
-  std::map<std::string, CameraIdentity> found;
+  std::map<uint32_t, CameraIdentity> found;  // by address
   while (::poll(readable.data(), readable.size(), MillisecondsUntil(deadline)) > 0) {
     for (const pollfd& each : readable) {
       Answer answer{};
       if ((each.revents & POLLIN) == 0 || !ReceiveIdentity(each.fd, answer)) continue;
-      CameraIdentity identity = IdentityOf(answer);
-      found.emplace(identity.address, std::move(identity));
+      uint32_t address = 0;
+      std::memcpy(&address, answer.data() + kHeaderSize + kAddressRegister, sizeof(address));
+      found.emplace(ntohl(address), IdentityOf(answer));
     }
   }
   std::vector<CameraIdentity> cameras;

@@ -36,8 +36,13 @@ Verdict VerdictOf(const Error& error) {
 
 constexpr char kArmedCheck[] = "the camera";
 
-constexpr auto kWarmUpPatience = milliseconds(2000);
-constexpr int kWarmUpTries = 2;  // some cameras swallow the first trigger after idling
+// A clock that has heard its PTP master follows it after some seconds.
+constexpr auto kPtpPatience = milliseconds(15000);
+constexpr auto kPtpPollInterval = milliseconds(100);
+
+// A trigger by software, and the frame of it.
+constexpr auto kTriggerPatience = milliseconds(2000);
+constexpr int kTriggerTries = 2;  // some cameras swallow the first one after idling
 
 // Who waits for a frame looks so often whether it is still wanted.
 constexpr auto kFetchInterval = milliseconds(50);
@@ -245,8 +250,11 @@ CameraWorker::Loss CameraWorker::FindOut(const Error& error) const {
 
 void CameraWorker::Lose(const Loss& loss) {
   if (closing_.valid()) closing_.wait();
-  closing_ =
-      std::async(std::launch::async, [camera = std::move(camera_)]() mutable { camera.reset(); });
+  auto close = [memory = std::move(warm_up_memory_), camera = std::move(camera_)]() mutable {
+    camera.reset();
+    memory.reset();
+  };
+  closing_ = std::async(std::launch::async, std::move(close));
   UpdateState([&](CameraState& state) {
     state.condition = CameraCondition::kLost;
     state.problem = loss.problem;
@@ -277,6 +285,7 @@ Status CameraWorker::OpenAndWarmUp() {
   ROTUNDA_RETURN_IF_ERROR(
       CheckInTime({applied.payload_bytes, applied.packet_size_bytes, applied.exposure_us},
                   setup_.settings.bandwidth, setup_.deadline_ms));
+  if (setup_.settings.ptp) ROTUNDA_RETURN_IF_ERROR(WaitForPtp());
   ids_ = {};
   clock_ = {};
   earlier_trigger_.reset();
@@ -296,43 +305,64 @@ Status CameraWorker::OpenAndWarmUp() {
   return {};
 }
 
+bool CameraWorker::QuitsWithin(milliseconds patience) {
+  std::unique_lock lock(mutex_);
+  return posted_.wait_for(lock, patience, [&] { return quit_; });
+}
+
+/// Tells meanwhile what it waits for.
+Status CameraWorker::WaitForPtp() {
+  const auto deadline = Clock::now() + kPtpPatience;
+  Status follows = camera_->CheckPtp();
+  while (!follows && Clock::now() < deadline && Answers(kProbeTries)) {
+    UpdateState([&](CameraState& state) {
+      state.problem = "its clock does not follow the PTP master: " + follows.error().ToString();
+    });
+    if (QuitsWithin(kPtpPollInterval)) return follows;
+    follows = camera_->CheckPtp();
+  }
+  return follows;
+}
+
 /// Takes a frame that nobody needs: the kernel applies the size of a stream's socket buffer with
 /// its first frame, and some cameras lose that.
 Status CameraWorker::WarmUp() {
-  FrameMemory memory(1, state().settings.payload_bytes);
-  Status last;
-  for (int i = 0; i < kWarmUpTries; ++i) {
-    std::vector<FrameBlock> block = memory.Take(1, Clock::now());
-    const Result<CameraFrame> frame = TakeByNow(std::move(block.front()));
-    // Aravis would take seconds to find out when it is told to stop.
-    if (!(frame && frame->complete) && !Answers(kProbeTries)) {
-      return Error{ErrorCode::kNotFound, kSilent, ""};
-    }
-    ROTUNDA_RETURN_IF_ERROR(camera_->Disarm());
-    if (frame && frame->complete) {
-      ids_.Begin(frame->frame_id);
-      NoteFrame(*frame);
-    }
-    if (frame) return {};
-    last = frame.error();
+  warm_up_memory_ = std::make_unique<FrameMemory>(1, state().settings.payload_bytes);
+  std::vector<FrameBlock> block = warm_up_memory_->Take(1, Clock::now());
+  Result<CameraFrame> frame = TakeByNow(std::move(block.front()));
+  // Aravis would take seconds to find out when it is told to stop.
+  if (!(frame && frame->complete) && !Answers(kProbeTries)) {
+    return Error{ErrorCode::kNotFound, kSilent, ""};
   }
-  return last;
+  ROTUNDA_RETURN_IF_ERROR(camera_->Disarm());
+  if (!frame) return frame.error();
+  frame->memory = {};
+  warm_up_memory_.reset();
+  return {};
 }
 
+/// The camera stays armed between tries: some swallow the first trigger whenever they were armed.
 Result<CameraFrame> CameraWorker::TakeByNow(FrameBlock memory) {
   ROTUNDA_RETURN_IF_ERROR(camera_->Arm(TriggerBy::kSoftware, std::move(memory)));
-  ROTUNDA_RETURN_IF_ERROR([&]() -> Status {
-    const Result<bool> armed = camera_->WaitArmed(Clock::now() + kWarmUpPatience);
-    return armed.ok() ? Status() : Status(armed.error());
-  }());
-  ROTUNDA_RETURN_IF_ERROR(camera_->SoftwareTrigger());
-  earlier_trigger_ = Clock::now();
-  std::optional<CameraFrame> frame = camera_->Fetch(Clock::now() + kWarmUpPatience);
-  if (!frame) {
-    return Error{ErrorCode::kFailed, "no frame came when it was triggered by software",
-                 setup_.place.camera};
+  std::optional<CameraFrame> frame;
+  int unseen = -1;  // triggers besides that of the frame
+  while (!frame && ++unseen < kTriggerTries) {
+    ROTUNDA_ASSIGN_OR_RETURN([[maybe_unused]] const bool armed,
+                             camera_->WaitArmed(Clock::now() + kTriggerPatience));
+    ROTUNDA_RETURN_IF_ERROR(camera_->SoftwareTrigger());
+    earlier_trigger_ = Clock::now();
+    frame = camera_->Fetch(Clock::now() + kTriggerPatience);
+    if (!frame && !Answers(kProbeTries)) return Error{ErrorCode::kNotFound, kSilent, ""};
   }
-  return std::move(*frame);
+  if (frame && frame->complete) {
+    ids_.Begin(frame->frame_id);
+    NoteFrame(*frame);
+  } else {
+    ids_.Miss();
+  }
+  for (int i = 0; i < unseen; ++i) ids_.Miss();
+  if (frame) return std::move(*frame);
+  return Error{ErrorCode::kFailed, "no frame came when it was triggered by software", ""};
 }
 
 void CameraWorker::NoteFrame(const CameraFrame& frame) {
@@ -404,17 +434,9 @@ std::future<Result<CameraFrame>> CameraWorker::Preview(FrameBlock memory) {
     }
     Result<CameraFrame> frame = TakeByNow(std::move(*block));
     const Status disarmed = camera_->Disarm();
-    if (frame && frame->complete) {
-      ids_.Begin(frame->frame_id);
-      NoteFrame(*frame);
-    } else {
-      ids_.Miss();
-    }
-    if (frame && !frame->complete) {
-      frame = Error{ErrorCode::kFailed, frame->problem, setup_.place.camera};
-    }
+    if (frame && !frame->complete) frame = Error{ErrorCode::kFailed, frame->problem, ""};
     owes_preview_ = false;
-    promise->set_value(std::move(frame));
+    promise->set_value(frame ? std::move(frame) : frame.error().In(setup_.place.camera));
     if (!disarmed) Lose(FindOut(disarmed.error()));
   });
   return future;
@@ -461,7 +483,7 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
   const Result<Clock::time_point> armed = PrepareForPulse(task, std::move(memory), stay_armed);
   if (!armed && armed.error().context == kArmedCheck) {
     shot.verdict = Verdict::kNotArmed;
-    shot.reason = armed.error().ToString();
+    shot.reason = armed.error().message;
     return shot;
   }
   if (!armed) {
@@ -470,6 +492,7 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
     shot.reason = loss.problem;
     return shot;
   }
+  const StreamCounters when_armed = camera_->counters();
   task.ReportArmed();
   const std::optional<Clock::time_point> pulse = task.WaitForPulse();
   if (!pulse) {
@@ -477,6 +500,7 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
     return shot;
   }
   FetchPulse(task, *pulse, stay_armed, shot);
+  if (shot.verdict == Verdict::kMissing) TellWhatCame(when_armed, shot);
   if (shot.verdict == Verdict::kMissing && *armed > *pulse) {
     shot.verdict = Verdict::kArmedLate;
     shot.reason =
@@ -551,6 +575,21 @@ void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, bo
     shot.reason = "came " + std::to_string(static_cast<int>(*shot.arrival_ms)) +
                   " ms after the pulse, allowed are " + std::to_string(timing.deadline_ms);
   }
+}
+
+/// Of a camera without a frame: when packets came, it has seen the pulse.
+void CameraWorker::TellWhatCame(const StreamCounters& when_armed, CameraShot& shot) const {
+  const StreamCounters now = camera_->counters();
+  const uint64_t came = now.received_packets - when_armed.received_packets;
+  if (came == 0) return;
+  if (came == now.ignored_packets - when_armed.ignored_packets) {
+    shot.verdict = Verdict::kWrongId;
+    shot.reason = "packets came, but with the number of an earlier frame";
+    return;
+  }
+  shot.verdict = Verdict::kIncomplete;
+  shot.reason = "only " + std::to_string(came) + (came == 1 ? " packet" : " packets") +
+                " had come by the deadline";
 }
 
 void CameraWorker::CheckFrame(CameraShot& shot) {

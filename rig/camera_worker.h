@@ -30,7 +30,7 @@ struct CameraState {
   std::string camera;
   CameraIdentity identity;  // as configured until it has answered
   CameraCondition condition = CameraCondition::kOpening;
-  std::string problem;                       // why it is not ready, and what to do
+  std::string problem;  // why it is not ready, and what to do; may be empty while it is opened
   Verdict lost_as = Verdict::kDisconnected;  // the same as a verdict, while it is not ready
   AppliedSettings settings;
   CameraHealth health;
@@ -136,6 +136,8 @@ class CameraWorker {
   void Idle();
   void TryOpen();
   Status OpenAndWarmUp();
+  Status WaitForPtp();
+  bool QuitsWithin(std::chrono::milliseconds patience);
   Status WarmUp();
   Result<CameraFrame> TakeByNow(FrameBlock memory);
   bool Answers(int tries) const;
@@ -159,6 +161,7 @@ class CameraWorker {
   CameraShot TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed);
   void FetchPulse(const PulseTask& task, Clock::time_point pulse, bool stay_armed,
                   CameraShot& shot);
+  void TellWhatCame(const StreamCounters& when_armed, CameraShot& shot) const;
   void CheckFrame(CameraShot& shot);
   void CheckForSecondFrame(const PulseTask& task, uint64_t unasked_before, CameraShot& shot);
   void Diagnose(CameraShot& shot);
@@ -167,7 +170,8 @@ class CameraWorker {
   void UpdateState(const Change& change);
 
   const Setup setup_;
-  std::unique_ptr<Camera> camera_;  // null: not open
+  std::unique_ptr<FrameMemory> warm_up_memory_;  // of camera_ until it has taken that frame
+  std::unique_ptr<Camera> camera_;               // null: not open
   FrameIdCheck ids_;
   ClockTrack clock_;
   Status ptp_;                                        // of the last pulse

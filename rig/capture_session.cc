@@ -20,8 +20,8 @@ constexpr auto kReadyPollInterval = milliseconds(10);
 constexpr size_t kCodingReserve = 50;
 // How long a shot waits for the disk before it says that memory is full.
 constexpr auto kMemoryPatience = milliseconds(3000);
-// For a frame by software trigger: a camera is given 2 s to arm and 2 s to send.
-constexpr auto kPreviewTime = milliseconds(6000);
+// For a frame by software trigger: a camera is given twice 2 s to get ready and 2 s to send.
+constexpr auto kPreviewTime = milliseconds(8000);
 // After the deadlines: settling, and finding out why a camera is silent (three probes).
 constexpr auto kDiagnosisPatience = milliseconds(1500);
 // One broadcast serves all cameras that are looked for at the same time.
@@ -56,7 +56,7 @@ CameraShot SilentShot(const CameraState& state, bool given_up) {
   switch (state.condition) {
     case CameraCondition::kOpening:
       silent.verdict = Verdict::kNotArmed;
-      silent.reason = kStillOpening;
+      silent.reason = kStillOpening + (state.problem.empty() ? "" : ": " + state.problem);
       break;
     case CameraCondition::kReady:
       silent.verdict = given_up ? Verdict::kInterrupted : Verdict::kDisconnected;

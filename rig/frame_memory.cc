@@ -1,5 +1,7 @@
 #include "rig/frame_memory.h"
 
+#include <cstdlib>
+
 namespace rotunda::rig {
 
 FrameBlock& FrameBlock::operator=(FrameBlock&& other) noexcept {
@@ -17,6 +19,10 @@ void FrameBlock::GiveBack() {
   owner_ = nullptr;
 }
 
+FrameMemory::~FrameMemory() {
+  if (lent_ > 0) std::abort();
+}
+
 std::vector<FrameBlock> FrameMemory::Take(size_t count,
                                           std::chrono::steady_clock::time_point deadline) {
   std::vector<FrameBlock> taken;
@@ -32,8 +38,8 @@ std::vector<FrameBlock> FrameMemory::Take(size_t count,
       spare_.pop_back();
     }
     taken.push_back(FrameBlock(this, std::move(bytes), block_bytes_));
+    ++lent_;
   }
-  lent_ += count;
   return taken;
 }
 

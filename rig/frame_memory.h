@@ -47,6 +47,8 @@ class FrameBlock {
 class FrameMemory {
  public:
   FrameMemory(size_t blocks, size_t block_bytes) : blocks_(blocks), block_bytes_(block_bytes) {}
+  /// Aborts when a block has not come back: a camera may be writing into it.
+  ~FrameMemory();
   FrameMemory(const FrameMemory&) = delete;
   FrameMemory& operator=(const FrameMemory&) = delete;
 

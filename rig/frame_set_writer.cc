@@ -275,9 +275,16 @@ void FrameSetWriter::Run() {
 
 Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(job.order.out));
+  Result<WrittenSet> written = Fill(job, folder.path());
+  if (!written) return folder.InPlace(written.error());
+  ROTUNDA_RETURN_IF_ERROR(folder.Commit());
+  return written;
+}
+
+Result<WrittenSet> FrameSetWriter::Fill(const Job& job, const fs::path& folder) {
   std::error_code failed;
-  fs::create_directory(folder.path() / "frames", failed);
-  if (failed) return Error{ErrorCode::kIo, failed.message(), (folder.path() / "frames").string()};
+  fs::create_directory(folder / "frames", failed);
+  if (failed) return Error{ErrorCode::kIo, failed.message(), (folder / "frames").string()};
   FrameSet set = DescribeSet(job.order, job.shot);
   const size_t count = job.shot.cameras.size();
   std::vector<PictureFigures> figures(count);
@@ -291,7 +298,7 @@ Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
         const std::optional<CameraFrame>& frame = job.shot.cameras[i].frame;
         if (!frame) return;
         const Result<std::string> png = EncodePng(ViewOf(*frame));
-        const Status status = png ? WriteNewFile(folder.path() / set.frames[i].file, *png)
+        const Status status = png ? WriteNewFile(folder / set.frames[i].file, *png)
                                   : Status(png.error().In(set.frames[i].camera));
         if (!status) {
           errors[i] = status.error();
@@ -310,14 +317,11 @@ Result<WrittenSet> FrameSetWriter::Write(const Job& job) {
     written.bytes += sizes[i];
     if (job.shot.cameras[i].frame) written.figures[set.frames[i].camera] = figures[i];
   }
-  ROTUNDA_RETURN_IF_ERROR(
-      WriteNewFile(folder.path() / "shot.json", ShotText(job.shot, written.figures)));
+  ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder / "shot.json", ShotText(job.shot, written.figures)));
   if (job.order.calibration) {
-    ROTUNDA_RETURN_IF_ERROR(
-        WriteNewFile(folder.path() / "calibration.json", *job.order.calibration));
+    ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder / "calibration.json", *job.order.calibration));
   }
-  ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / "frameset.json", FrameSetToJson(set)));
-  ROTUNDA_RETURN_IF_ERROR(folder.Commit());
+  ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder / "frameset.json", FrameSetToJson(set)));
   return written;
 }
 

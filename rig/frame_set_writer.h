@@ -95,6 +95,8 @@ class FrameSetWriter {
   void Run();
   std::list<Job>::iterator NextJob();
   Result<WrittenSet> Write(const Job& job);
+  /// All files of the set, not yet durable.
+  Result<WrittenSet> Fill(const Job& job, const std::filesystem::path& folder);
 
   ThreadPool threads_;
   mutable std::mutex mutex_;

@@ -18,8 +18,9 @@ std::string Fixed(double value) {
 
 // In place of each camera's own trigger cable.
 constexpr char kNobodySawThePulse[] =
-    "armed and answering, but nobody saw the pulse: the trigger line itself, its driver or supply, "
-    "[trigger] chip, line or camera_input?";
+    "armed and answering, but nobody saw the pulse: is the trigger cable connected? Else the "
+    "trigger "
+    "line itself, its driver or supply, [trigger] chip, line or camera_input";
 
 /// Cameras that are not ok for one reason.
 struct Complaint {
@@ -128,7 +129,10 @@ std::string Shot::Tally() const {
 }
 
 std::string Shot::Summary() const {
-  std::string text = Tally();
+  const bool has_picture = std::any_of(cameras.begin(), cameras.end(), [](const CameraShot& each) {
+    return each.verdict == Verdict::kOk || each.arrival_ms;
+  });
+  std::string text = Tally() + (has_picture ? "" : ", no camera gave a picture");
   const bool nobody_saw_it = NobodySawThePulse(cameras);
   for (Complaint complaint : ComplaintsOf(cameras)) {
     if (nobody_saw_it && complaint.verdict == Verdict::kMissing) {

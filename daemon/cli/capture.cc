@@ -1,6 +1,6 @@
 #include <unistd.h>
 
-#include <charconv>
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <ctime>
@@ -23,6 +23,7 @@
 #include "rig/frame_set_writer.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/file_io.h"
+#include "sfm/core/name_list.h"
 
 namespace rotunda::cli {
 namespace {
@@ -31,8 +32,8 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 using std::chrono::milliseconds;
 
-// So long after the last camera became ready the others are given up. Opening takes a second; a
-// camera whose program died, the 3 s of its heartbeat.
+// So long after the last camera became ready, or was still being opened, the others are given up. A
+// camera whose program died is held for the 3 s of its heartbeat.
 constexpr auto kReadyPatience = milliseconds(5000);
 constexpr auto kPollInterval = milliseconds(50);
 constexpr auto kDiskPollInterval = milliseconds(10);
@@ -58,6 +59,14 @@ std::string NowText(const char* format) {
   return text;
 }
 
+/// A camera's clock may take many seconds to follow the PTP master.
+bool IsOpening(const rig::CaptureSession& session) {
+  const std::vector<rig::CameraState> states = session.States();
+  return std::any_of(states.begin(), states.end(), [](const rig::CameraState& state) {
+    return state.condition == rig::CameraCondition::kOpening;
+  });
+}
+
 /// Waits for the cameras, telling how many there are. kCancelled.
 Status WaitForCameras(rig::CaptureSession& session, const CommonOptions& common) {
   ProgressLine progress(!common.json);
@@ -68,7 +77,9 @@ Status WaitForCameras(rig::CaptureSession& session, const CommonOptions& common)
          !common.stop.stop_requested()) {
     const size_t before = ready;
     ready = session.WaitUntilReady(kPollInterval, common.stop);
-    if (ready > before) deadline = std::chrono::steady_clock::now() + kReadyPatience;
+    if (ready > before || IsOpening(session)) {
+      deadline = std::chrono::steady_clock::now() + kReadyPatience;
+    }
     progress.Update("cameras", ready, all);
   }
   if (common.stop.stop_requested()) return Interrupted(" while the cameras were being opened");
@@ -160,7 +171,8 @@ Json CameraJson(const rig::CameraShot& camera, const rig::WrittenSet& written) {
   return row;
 }
 
-void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json) {
+void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written,
+               const std::vector<std::string>& notes, bool json) {
   if (json) {
     Json cameras = Json::array();
     for (const rig::CameraShot& each : shot.cameras) cameras.push_back(CameraJson(each, written));
@@ -177,6 +189,7 @@ void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json)
     }
     result["resent_packets"] = shot.ResentPackets();
     result["bytes"] = written.bytes;
+    if (!notes.empty()) result["notes"] = notes;
     result["cameras"] = std::move(cameras);
     std::printf("%s\n", result.dump(1).c_str());
     return;
@@ -190,30 +203,77 @@ void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written, bool json)
   std::printf("packets sent again: %llu\n", static_cast<unsigned long long>(shot.ResentPackets()));
   std::printf("Wrote %s (%.0f MB)\n", written.folder.c_str(),
               1e-6 * static_cast<double>(written.bytes));
+  for (const std::string& note : notes) std::printf("  note: %s\n", note.c_str());
 }
 
-/// The text that goes with the set; read before the pulse, so that nothing can be wrong with it
-/// afterwards.
-Result<std::optional<std::string>> CalibrationText(const std::optional<fs::path>& file) {
-  if (!file) return std::optional<std::string>();
-  ROTUNDA_ASSIGN_OR_RETURN(std::string text, ReadFile(*file));
-  ROTUNDA_RETURN_IF_ERROR(CalibrationFromJson(text, file->string()));
-  return std::optional<std::string>(std::move(text));
+/// The rig's cameras that are not in `calibration`: by name, and by serial number where both say
+/// it.
+std::vector<std::string> Uncalibrated(const std::vector<rig::CameraPlace>& cameras,
+                                      const Calibration& calibration) {
+  std::vector<std::string> lacking;
+  for (const rig::CameraPlace& place : cameras) {
+    const CalibratedCamera* known = calibration.Find(place.camera);
+    const bool is_it = known != nullptr && (known->serial.empty() || place.serial.empty() ||
+                                            known->serial == place.serial);
+    if (!is_it) lacking.push_back(place.camera);
+  }
+  return lacking;
+}
+
+/// The text of the calibration that goes with the set; read before the pulse, so that nothing can
+/// be wrong with it afterwards. `notes` gets which of the rig's `cameras` it does not have.
+/// kBadInput: it has none of them.
+Result<std::string> CalibrationText(const fs::path& file,
+                                    const std::vector<rig::CameraPlace>& cameras,
+                                    std::vector<std::string>& notes) {
+  ROTUNDA_ASSIGN_OR_RETURN(std::string text, ReadFile(file));
+  ROTUNDA_ASSIGN_OR_RETURN(const Calibration calibration, CalibrationFromJson(text, file.string()));
+  const std::vector<std::string> lacking = Uncalibrated(cameras, calibration);
+  const std::string all = std::to_string(cameras.size());
+  if (lacking.size() == cameras.size()) {
+    return Error{ErrorCode::kBadInput,
+                 "has none of the rig's " + all +
+                     " cameras by name and serial number, expected a calibration of this rig",
+                 file.string()};
+  }
+  if (!lacking.empty()) {
+    notes.push_back(file.string() + " does not have " + std::to_string(lacking.size()) +
+                    " of the rig's " + all +
+                    " cameras by name and serial number: " + ListOfNames(lacking));
+  }
+  return text;
+}
+
+/// What the set says of itself, but for when it was taken. `notes` gets what the user is to know.
+Result<rig::FrameSetOrder> OrderOf(const CaptureArguments& arguments,
+                                   const std::vector<rig::CameraPlace>& cameras,
+                                   std::vector<std::string>& notes) {
+  rig::FrameSetOrder order;
+  order.out = arguments.out;
+  order.subject = arguments.subject;
+  order.trigger_source = arguments.simulated ? "simulated" : "gpio";
+  if (arguments.calibration) {
+    ROTUNDA_ASSIGN_OR_RETURN(order.calibration,
+                             CalibrationText(*arguments.calibration, cameras, notes));
+  }
+  return order;
 }
 
 /// kCancelled: by Ctrl-C, and nothing is left.
 Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions& common) {
   ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, 0));
-  rig::FrameSetOrder order;
-  ROTUNDA_ASSIGN_OR_RETURN(order.calibration, CalibrationText(arguments.calibration));
   ROTUNDA_ASSIGN_OR_RETURN(const rig::CaptureOptions options,
                            config::ReadCaptureOptions(arguments.rig));
+  std::vector<std::string> notes;
+  ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, OrderOf(arguments, options.cameras, notes));
   ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession::Devices devices,
                            daemon::OpenDevices(options, arguments.simulated));
   ROTUNDA_ASSIGN_OR_RETURN(const std::unique_ptr<rig::CaptureSession> session,
                            rig::CaptureSession::Open(options, std::move(devices)));
   ROTUNDA_RETURN_IF_ERROR(WaitForCameras(*session, common));
   ROTUNDA_RETURN_IF_ERROR(CheckOutputPlace(arguments.out, session->ShotLimit_bytes()));
+  order.id = NowText("%Y%m%dT%H%M%SZ");
+  order.captured_at = NowText("%Y-%m-%dT%H:%M:%SZ");
   Result<rig::Shot> shot = session->Capture(common.stop, common.stop);
   if (!shot && shot.error().code == ErrorCode::kCancelled) {
     return Interrupted(" before a picture had come, nothing is left");
@@ -221,16 +281,11 @@ Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions
   if (!shot) return shot.error();
   rig::Shot facts = daemon::FactsOf(*shot);
   rig::FrameSetWriter writer(common.threads);
-  order.out = arguments.out;
-  order.id = NowText("%Y%m%dT%H%M%SZ");
-  order.captured_at = NowText("%Y-%m-%dT%H:%M:%SZ");
-  order.subject = arguments.subject;
-  order.trigger_source = arguments.simulated ? "simulated" : "gpio";
   const auto ticket = writer.Submit(std::move(order), *std::move(shot));
   const Result<rig::WrittenSet> written = WaitForDisk(writer, ticket, common);
   if (!written && written.error().code == ErrorCode::kCancelled) return written.error();
   if (!written) return Rescue(writer, ticket, written.error(), common);
-  PrintShot(facts, *written, common.json);
+  PrintShot(facts, *written, notes, common.json);
   return facts;
 }
 
@@ -391,7 +446,8 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->needs(rig);
   command
       ->add_option("--calibration", arguments->calibration,
-                   "The calibration in force, to go with the set")
+                   "The calibration in force, to go with the set; one that has none of the rig's "
+                   "cameras is refused")
       ->type_name("FILE")
       ->check(CLI::ExistingFile)
       ->needs(rig);

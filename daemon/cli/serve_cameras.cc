@@ -80,9 +80,11 @@ std::vector<std::string> FormatNames() {
 std::string FaultHelp() {
   std::string text =
       "Send one command to cameras that are served:\n"
-      "pulse [LINE]   (all cameras take a picture)\n"
+      "pulse [LINE]   (the trigger cable of input 0 or 1, default 0: armed cameras take a "
+      "picture)\n"
       "shot NUMBER    (which of the frame sets they see next, from 0)\n"
-      "list, clear [CAMERA]\n"
+      "list   (address, name, serial number, state, frames sent, faults in force)\n"
+      "clear [CAMERA]   (no more faults)\n"
       "fault CAMERA|all KIND [VALUE [FRAMES]]   with KIND one of these, and VALUE where it has one";
   for (const sim::FaultText& fault : sim::FaultTexts()) {
     text += std::string("\n  ") + fault.name + (*fault.unit ? " " : "") + fault.unit + ": " +

@@ -79,7 +79,7 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       "those cameras: with --serve, GigE Vision devices that any GigE Vision software can use.",
       "rotunda simulate capture --texture twin --relief symmetric --seed 7\n"
       "  rotunda simulate --serve capture      (in another terminal: arv-viewer-0.8)\n"
-      "  rotunda simulate --send fault c003r1 drop 0.05\n"
+      "  rotunda simulate --send fault c03r1 drop 0.05\n"
       "  rotunda simulate --send pulse");
   CLI::Option* out = command->add_option(
       "OUT", arguments->out, "Folder to make, in one that exists; if it is there it must be empty");

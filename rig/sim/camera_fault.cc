@@ -10,6 +10,8 @@ namespace {
 constexpr double kMaxDelay_ms = 60000;
 constexpr int kMaxFrames = 1'000'000;
 constexpr int64_t kMaxWidth_us = 60'000'000;
+// Cameras have the inputs Line0 and Line1.
+constexpr int kLastLine = 1;
 // A century after the clock's begin: far below where nanoseconds and all delays overflow.
 constexpr int64_t kMaxEdge_ns = 100LL * 365 * 86400 * 1'000'000'000;
 
@@ -66,6 +68,7 @@ Result<ServerCommand> ParsePulse(const std::vector<std::string>& words) {
   command.kind = ServerCommand::Kind::kPulse;
   if (words.size() > 1) {
     ROTUNDA_ASSIGN_OR_RETURN(command.line, ParseNumber<int>(words[1], "line"));
+    ROTUNDA_RETURN_IF_ERROR(CheckRange("line", command.line, kLastLine));
   }
   if (words.size() > 2) {
     ROTUNDA_ASSIGN_OR_RETURN(const int64_t edge_ns, ParseNumber<int64_t>(words[2], "edge"));
@@ -149,6 +152,15 @@ Status Fault::Validate() const {
     return Refused(message.str());
   }
   return {};
+}
+
+std::string DescribeFault(const Fault& fault) {
+  const FaultText& text = TextOf(fault.kind);
+  std::ostringstream out;
+  out << text.name;
+  if (*text.unit != '\0') out << ' ' << fault.value;
+  if (fault.frames > 0) out << " (" << fault.frames << " more)";
+  return out.str();
 }
 
 Result<ServerCommand> ParseServerCommand(std::string_view text) {

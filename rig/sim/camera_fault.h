@@ -53,13 +53,18 @@ struct Fault {
   Status Validate() const;
 };
 
+/// As in a command, with what is left of it: "drop 0.05", "mute", "late 800 (2 more)".
+std::string DescribeFault(const Fault& fault);
+
 /// A command of the trigger socket:
-///   pulse [LINE [EDGE_NS [WIDTH_US]]] on input LINE (0), rising at EDGE_NS of the monotonic clock
+///   pulse [LINE [EDGE_NS [WIDTH_US]]] on input LINE (0 or 1; 0), rising at EDGE_NS of the
+///   monotonic
+///                                    clock (now)
 ///   shot NUMBER                      what the cameras see next
 ///   fault CAMERA KIND [VALUE [FRAMES]]   CAMERA: name, serial number, address or "all"; VALUE must
 ///                                    be there when the kind has one
 ///   clear [CAMERA]                   no more faults
-///   list                             a line a camera
+///   list                             a line a camera, with the faults in force
 struct ServerCommand {
   enum class Kind { kPulse, kShot, kFault, kClear, kList };
   Kind kind = Kind::kPulse;

@@ -40,7 +40,7 @@ constexpr int kMaxDatagramsPerWake = 64;
 constexpr int kAnswer_ms = 2000;
 // How answers begin.
 constexpr std::string_view kDone = "ok ", kRefused = "error ";
-constexpr size_t kMaxAnswer_bytes = 64 * 1024;  // "list" of 254 cameras takes 25 kB
+constexpr size_t kMaxAnswer_bytes = 128 * 1024;  // "list" of 254 cameras with all faults: 90 kB
 
 /// The one clock of the simulated rig: that of the trigger line.
 int64_t Now_ns() {
@@ -75,6 +75,10 @@ Result<Descriptor> BindCommands(const std::filesystem::path& path) {
   if (socket.get() < 0) return IoError("cannot make a socket", path.string());
   if (::bind(socket.get(), system, sizeof(address)) == 0) return socket;
   if (errno == EADDRINUSE) {
+    std::error_code unknown;
+    if (!std::filesystem::is_socket(path, unknown)) {
+      return Error{ErrorCode::kAlreadyExists, "is there and not a socket", path.string()};
+    }
     const Descriptor probe(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
     if (::connect(probe.get(), system, sizeof(address)) == 0) {
       return Error{ErrorCode::kAlreadyExists, "another simulator listens there", path.string()};
@@ -121,6 +125,15 @@ Status ValidateCamera(const SimulatedCamera& camera, std::set<std::string>& name
     return Refused("delay, jitter or clock offset of " + camera.name, "negative", "0 or more");
   }
   return {};
+}
+
+/// " faults drop 0.05, mute"; empty: none.
+std::string FaultList(const GigeCamera& camera) {
+  std::string text;
+  for (const Fault& fault : camera.faults()) {
+    text += (text.empty() ? " faults " : ", ") + DescribeFault(fault);
+  }
+  return text;
 }
 
 }  // namespace
@@ -398,7 +411,7 @@ std::string CameraServer::Impl::List() {
              : camera.is_controlled()       ? "controlled"
                                             : "free")
          << " frames " << sent.frames << " resent " << sent.packets_resent << " missed "
-         << camera.missed_pulses() << '\n';
+         << camera.missed_pulses() << FaultList(camera) << '\n';
   }
   return text.str();
 }
@@ -521,7 +534,9 @@ Result<std::string> SendServerCommand(const std::filesystem::path& path,
   sockaddr_un own = {};
   own.sun_family = AF_UNIX;
   const timeval patience = {kAnswer_ms / 1000, kAnswer_ms % 1000 * 1000};
-  ::setsockopt(socket.get(), SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof(patience));
+  for (const int which : {SO_RCVTIMEO, SO_SNDTIMEO}) {
+    ::setsockopt(socket.get(), SOL_SOCKET, which, &patience, sizeof(patience));
+  }
   if (::bind(socket.get(), reinterpret_cast<const sockaddr*>(&own), sizeof(own.sun_family)) != 0 ||
       ::connect(socket.get(), reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0 ||
       ::send(socket.get(), command.data(), command.size(), 0) < 0) {

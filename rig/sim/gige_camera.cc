@@ -113,7 +113,9 @@ void GigeCamera::ReleaseControl() {
   registers_.Set(reg::kAcquisition, 0);
 }
 
-bool GigeCamera::is_reachable(int64_t now_ns) const { return !unplugged_ && now_ns >= booted_ns_; }
+bool GigeCamera::is_reachable(int64_t now_ns) const {
+  return !Active(FaultKind::kUnplug) && now_ns >= booted_ns_;
+}
 
 /// Time on the camera's clock: its own, or the rig's once PTP follows it.
 int64_t GigeCamera::CameraTime_ns(int64_t rig_time_ns) const {
@@ -480,7 +482,7 @@ CameraActions GigeCamera::SetFault(const Fault& fault, int64_t now_ns) {
     case FaultKind::kUnplug:
       Unplug();
       actions.cut = true;
-      break;
+      return actions;
     case FaultKind::kStealControl:
       ReleaseControl();
       controller_ = Endpoint{};
@@ -496,17 +498,22 @@ CameraActions GigeCamera::SetFault(const Fault& fault, int64_t now_ns) {
 
 void GigeCamera::ClearFault(FaultKind kind) {
   auto& fault = faults_[static_cast<size_t>(kind)];
-  const bool was_stolen = kind == FaultKind::kStealControl && fault;
+  const bool was_in_force = fault.has_value();
   fault.reset();
-  if (was_stolen) ReleaseControl();
-  if ((kind == FaultKind::kUnplug || kind == FaultKind::kUnplugInFrame) && unplugged_) {
-    unplugged_ = false;
-    Reset();
+  if (kind == FaultKind::kStealControl && was_in_force) ReleaseControl();
+  if (kind == FaultKind::kUnplug && was_in_force) Reset();
+}
+
+std::vector<Fault> GigeCamera::faults() const {
+  std::vector<Fault> in_force;
+  for (const auto& active : faults_) {
+    if (active) in_force.push_back({active->fault.kind, active->fault.value, active->frames_left});
   }
+  return in_force;
 }
 
 void GigeCamera::Unplug() {
-  unplugged_ = true;
+  faults_[static_cast<size_t>(FaultKind::kUnplug)] = ActiveFault{{FaultKind::kUnplug}};
   ReleaseControl();
 }
 

@@ -90,7 +90,9 @@ class GigeCamera {
 
   CameraActions SetFault(const Fault& fault, int64_t now_ns);
   void ClearFault(FaultKind kind);
-  /// The network cable is out, see kUnplugInFrame.
+  /// Those in force; `frames` is how many exposures are left.
+  std::vector<Fault> faults() const;
+  /// As kUnplug, see kUnplugInFrame.
   void Unplug();
 
   bool is_controlled() const { return controller_.has_value(); }
@@ -134,7 +136,6 @@ class GigeCamera {
   std::optional<Endpoint> controller_;
   int64_t last_heartbeat_ns_ = 0;
   bool acquiring_ = false;
-  bool unplugged_ = false;
   int64_t booted_ns_ = 0;      // not reachable before
   int64_t busy_until_ns_ = 0;  // end of the exposure
   int64_t last_edge_ns_ = 0;   // or the begin of the acquisition

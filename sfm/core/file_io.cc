@@ -261,8 +261,11 @@ Status OutputFolder::Commit() {
     }
     return WriteError("cannot put into place", errno, target_);
   }
+  // What is not durable is taken back: whoever tries again finds the place as it was.
+  const Status synced = Sync(ParentOf(target_), O_DIRECTORY);
+  if (!synced.ok() && ::rename(target_.c_str(), temporary_.c_str()) == 0) return synced;
   temporary_.clear();
-  return Sync(ParentOf(target_), O_DIRECTORY);
+  return synced;
 }
 
 }  // namespace rotunda

@@ -2,6 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <string>
+#include <vector>
+
+#include "tests/support/simulated_rig.h"
+
 namespace rotunda::rig {
 namespace {
 
@@ -36,6 +41,23 @@ TEST(MatchCameras, SeesSwappedCables) {
   ASSERT_EQ(match.problems.size(), 2u);
   EXPECT_EQ(match.problems[0].message,
             "serial S1 expected at 10.0.0.1, found S2 (which belongs to b)");
+}
+
+TEST(DiscoverCameras, SortsByTheAddressesNumbers) {
+  test::SimulatedRig::Options options;
+  options.block = "127.43.10";
+  options.cameras = 11;
+  const test::SimulatedRig rig(options);
+  const auto found = DiscoverCameras(milliseconds(1000));
+  ASSERT_TRUE(found) << found.error().ToString();
+  std::vector<std::string> ours;  // other tests' cameras answer too
+  for (const CameraIdentity& camera : *found) {
+    if (camera.address.starts_with(options.block + ".")) ours.push_back(camera.address);
+  }
+  ASSERT_EQ(ours.size(), 11u);
+  for (size_t i = 0; i < ours.size(); ++i) {
+    EXPECT_EQ(ours[i], options.block + "." + std::to_string(i + 1));
+  }
 }
 
 TEST(ProbeCamera, SaysWhatIsWrong) {

@@ -53,8 +53,19 @@ const std::vector<FaultCase>& FaultCases() {
        "127.31.3",
        {{FaultKind::kDropTrailer, 0, 1}},
        Verdict::kIncomplete,
-       "packets were lost",
+       "1 packet was lost",
        false},
+      // Before Aravis gives the frame up.
+      {"LeaderLostAndNoTimeLeft",
+       "127.31.18",
+       {{FaultKind::kDropLeader, 0, 1}},
+       Verdict::kIncomplete,
+       "packets had come by the deadline",
+       false,
+       [](CaptureOptions& options) {
+         options.timing.deadline_ms = 500;
+         options.timing.late_ms = 0;
+       }},
       {"Late",
        "127.31.4",
        {{FaultKind::kLate, 800, 1}},

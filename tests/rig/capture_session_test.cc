@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <future>
@@ -232,6 +233,41 @@ TEST(CaptureSession, FiresAgainWhenACameraSleptThroughThePulse) {
   EXPECT_NE(shot->first_try.find("c001 missing"), std::string::npos) << shot->first_try;
 }
 
+TEST(CaptureSession, ACameraThatSwallowsTheFirstTriggerAfterArmingCanBeUsed) {
+  for (const bool restart : {true, false}) {
+    SimulatedRig::Options options = RigOf(restart ? "127.32.32" : "127.32.33", 2);
+    options.restart_frame_ids = restart;
+    SimulatedRig rig(options);
+    rig.capture().timing.deadline_ms = 700;
+    rig.capture().timing.late_ms = 300;
+    ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kFirstFrameLost, 60000, 0}));
+    const auto session = rig.Open();
+    ASSERT_TRUE(session) << session.error().ToString();
+    ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u) << (*session)->States()[1].problem;
+    const auto shot = (*session)->Capture();
+    ASSERT_TRUE(shot) << shot.error().ToString();
+    EXPECT_TRUE(shot->complete()) << shot->Summary();
+    EXPECT_EQ(shot->pulses, 2);
+    const auto preview = (*session)->Preview("c001");
+    EXPECT_TRUE(preview) << preview.error().ToString();
+  }
+}
+
+TEST(CaptureSession, ACameraWhoseNumbersGoBackHasSeenThePulse) {
+  SimulatedRig rig(RigOf("127.32.34", 2));
+  rig.capture().retries = 1;
+  rig.capture().timing.deadline_ms = 700;
+  rig.capture().timing.late_ms = 300;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kWrongFrameId, 7, 1}));
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_EQ(shot->Summary(),
+            "1/2 ok; c001 wrong id (packets came, but with the number of an earlier frame)");
+}
+
 TEST(CaptureSession, ALateFrameOfTheFirstPulseIsNotTakenForThatOfTheSecond) {
   const SimulatedRig::Options options = RigOf("127.32.13", 4);
   SimulatedRig rig(options);
@@ -377,6 +413,44 @@ TEST(CaptureSession, ACameraThatIsStillBeingOpenedIsCalledThat) {
   EXPECT_EQ(shot->Summary(), "1/2 ok; c001 not armed (it was still being opened)");
 }
 
+TEST(CaptureSession, ACameraWhoseClockHasNotHeardThePtpMasterSaysSoWhileItIsOpened) {
+  SimulatedRig rig(RigOf("127.32.28", 2));
+  rig.capture().settings.ptp = true;
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kNoPtp, 0, 0}));
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  const std::string lacking =
+      "its clock does not follow the PTP master: PtpStatus: is Listening, expected Slave (is there "
+      "a PTP master?)";
+  while ((*session)->WaitUntilReady(0s) == 0 || (*session)->States()[1].problem.empty()) {
+    std::this_thread::sleep_for(10ms);
+  }
+  const CameraState state = (*session)->States()[1];
+  EXPECT_STREQ(ConditionName(state), "opening");
+  EXPECT_EQ(state.problem, lacking);
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_EQ(shot->Summary(), "1/2 ok; c001 not armed (it was still being opened: " + lacking + ")");
+  rig.server().ClearFaults();
+  EXPECT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u) << (*session)->States()[1].problem;
+}
+
+TEST(CaptureSession, CamerasThatGiveNoWarmUpFrameSayTheSame) {
+  SimulatedRig rig(RigOf("127.32.29", 3));
+  for (const int i : {1, 2}) {
+    ASSERT_TRUE(rig.server().SetFault(i, {FaultKind::kDropPackets, 1, 0}));
+  }
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  const auto is_told = [&](int i) { return !(*session)->States()[i].problem.empty(); };
+  while (!is_told(1) || !is_told(2)) std::this_thread::sleep_for(10ms);
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_EQ(shot->Summary(),
+            "1/3 ok; 2 camera error (it answers, but: no frame came when it was triggered by "
+            "software): c001, c002");
+}
+
 TEST(CaptureSession, ClocksThatAreFarApartAreCompared) {
   for (const bool ptp : {false, true}) {
     SimulatedRig::Options options = RigOf(ptp ? "127.32.5" : "127.32.6", 5);
@@ -520,6 +594,7 @@ TEST(CaptureSession, AShotWaitsForAPreviewToEnd) {
 /// What a test does to calls of real cameras, by address.
 struct Meddling {
   std::function<void()> before_arm = [] {};
+  std::function<void()> before_software_trigger = [] {};
   std::optional<Error> arm_fails;
 };
 
@@ -540,7 +615,10 @@ class MeddledCamera final : public Camera {
   Status Refill(FrameBlock memory) override { return real_->Refill(std::move(memory)); }
   Status StartOver(FrameBlock memory) override { return real_->StartOver(std::move(memory)); }
   Result<bool> WaitArmed(Clock::time_point deadline) override { return real_->WaitArmed(deadline); }
-  Status SoftwareTrigger() override { return real_->SoftwareTrigger(); }
+  Status SoftwareTrigger() override {
+    meddling_.before_software_trigger();
+    return real_->SoftwareTrigger();
+  }
   std::optional<CameraFrame> Fetch(Clock::time_point deadline) override {
     return real_->Fetch(deadline);
   }
@@ -586,6 +664,25 @@ TEST(CaptureSession, ACameraArmedAfterThePulseWasArmedLate) {
   EXPECT_EQ(shot->OkCount(), 2u) << shot->Summary();
 }
 
+TEST(CaptureSession, ACameraThatGoesBeforeItsWarmUpFrameIsDisconnectedAndComesBack) {
+  SimulatedRig rig(RigOf("127.32.30", 2));
+  Meddling unplugged;
+  std::atomic<bool> done = false;
+  unplugged.before_software_trigger = [&] {
+    if (done.exchange(true)) return;
+    EXPECT_TRUE(rig.server().SetFault(1, {FaultKind::kUnplug, 0, 0}));
+  };
+  const auto session = OpenMeddled(rig, "127.32.30.2", unplugged);
+  ASSERT_TRUE(session) << session.error().ToString();
+  while ((*session)->States()[1].problem.empty()) std::this_thread::sleep_for(10ms);
+  EXPECT_STREQ(ConditionName((*session)->States()[1]), "disconnected");
+  rig.server().ClearFaults();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u) << (*session)->States()[1].problem;
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_TRUE(shot->complete()) << shot->Summary();
+}
+
 TEST(CaptureSession, AStopWhileTheCamerasAreArmedGivesNoPulse) {
   SimulatedRig rig(RigOf("127.32.27", 2));
   rig.capture().timing.arm_ms = 60000;
@@ -610,7 +707,8 @@ TEST(CaptureSession, AStopWhileTheCamerasAreArmedGivesNoPulse) {
 TEST(CaptureSession, AnErrorThatIsNotUnderstoodIsNotCalledLostControl) {
   SimulatedRig rig(RigOf("127.32.17", 3));
   rig.capture().retries = 0;
-  const Meddling broken{[] {}, Error{ErrorCode::kFailed, "sensor too hot", "AcquisitionStart"}};
+  const Meddling broken{[] {}, [] {},
+                        Error{ErrorCode::kFailed, "sensor too hot", "AcquisitionStart"}};
   const auto session = OpenMeddled(rig, "127.32.17.2", broken);
   ASSERT_TRUE(session) << session.error().ToString();
   ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u);

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <memory>
+
 namespace rotunda::rig {
 namespace {
 
@@ -19,6 +21,16 @@ TEST(FrameMemory, LendsNoMoreThanItHas) {
   ASSERT_EQ(more.size(), 2u);
   EXPECT_EQ(more[0].data(), spare) << "what comes back is lent again";
   EXPECT_EQ(memory.lent(), 3u);
+}
+
+TEST(FrameMemoryDeathTest, DoesNotGoBeforeItsBlocks) {
+  EXPECT_DEATH(
+      {
+        auto memory = std::make_unique<FrameMemory>(1, 100);
+        const auto block = memory->Take(1, kNow);
+        memory.reset();
+      },
+      "");
 }
 
 TEST(FrameMemory, GrowsWhenALargerCameraComes) {

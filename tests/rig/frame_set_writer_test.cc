@@ -199,6 +199,8 @@ TEST(FrameSetWriter, AFullDiskLosesNothing) {
   ASSERT_TRUE(troubled);
   EXPECT_EQ(trouble->out, folder / "first");
   EXPECT_TRUE(trouble->tried_again);
+  EXPECT_TRUE(trouble->error.context.starts_with((folder / "first/frames").string()))
+      << "the place that was asked for: " << trouble->error.context;
   EXPECT_NE(trouble->error.message.find("File too large"), std::string::npos)
       << trouble->error.ToString();
   EXPECT_EQ(memory.lent(), 6u);

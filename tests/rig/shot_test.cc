@@ -95,12 +95,20 @@ TEST(Shot, SaysAReasonThatSeveralCamerasShareOnce) {
   EXPECT_EQ(shot.Summary(),
             "1/10 ok; 9 disconnected (no power?): c1, c2, c3, c4, c5, c6 and 3 more");
   Refuse(shot.cameras[0], Verdict::kDisconnected, "no power?");
-  EXPECT_EQ(shot.Summary(), "0/10 ok; all disconnected (no power?)");
+  EXPECT_EQ(shot.Summary(), "0/10 ok, no camera gave a picture; all disconnected (no power?)");
+}
+
+TEST(Shot, APictureThatIsNotGoodIsAPicture) {
+  Shot shot = ShotOf({0, 0});
+  for (CameraShot& camera : shot.cameras) Refuse(camera, Verdict::kLate, "slow");
+  EXPECT_EQ(shot.Summary(), "0/2 ok, no camera gave a picture; all late (slow)");
+  shot.cameras[1].arrival_ms = 2100;
+  EXPECT_EQ(shot.Summary(), "0/2 ok; all late (slow)");
 }
 
 TEST(Shot, SuspectsTheTriggerLineWhenNobodyWhoWaitedSawThePulse) {
   const auto suspects = [](const Shot& shot) {
-    return shot.Summary().find("the trigger line itself") != std::string::npos;
+    return shot.Summary().find("is the trigger cable connected?") != std::string::npos;
   };
   Shot shot = ShotOf({0, 0, 0});
   for (CameraShot& camera : shot.cameras) Refuse(camera, Verdict::kMissing, "its cable?");

@@ -50,31 +50,41 @@ class CaptureCommand : public testing::Test {
     const auto set = ReadFrameSet(Served());
     ASSERT_TRUE(set) << set.error().ToString();
     std::ofstream(*folder_ / "unread.json") << "{}";
-    Calibration lenses;
-    lenses.created_at = "2026-01-01T09:00:00Z";
-    for (const Frame& frame : set->frames) {
-      CalibratedCamera& camera = lenses.cameras.emplace_back();
-      camera.camera = frame.camera;
-      camera.serial = frame.serial;
-      camera.intrinsics = {CameraModel::kPinhole, frame.width_px, frame.height_px, {10, 10, 4, 4}};
-    }
-    ASSERT_TRUE(WriteCalibration(lenses, *folder_ / "lenses.json").ok());
+    WriteLenses("lenses.json", set->frames);
+    std::vector<Frame> other = set->frames;
+    other[1].serial = "EXCHANGED";
+    other[3].camera = "c00r9";
+    WriteLenses("partly.json", other);
+    for (Frame& frame : other) frame.camera = "elsewhere" + frame.camera;
+    WriteLenses("elsewhere.json", other);
     WriteConfig("rig.toml", *set, "");
     WriteConfig("line1.toml", *set, "[trigger]\ncamera_input = \"Line1\"\n");
     WriteConfig("odd.toml", *set, "[trigger]\ncamera_input = \"Opto\"\n");
     WriteConfig("patient.toml", *set, "", 60000);
+    WriteConfig("ptp.toml", *set, "", 1500, true);
     FrameSet wrong = *set;
     wrong.frames[1].serial = "OTHER";
     WriteConfig("wrong.toml", wrong, "");
     cameras_ =
         std::make_unique<ServedCameras>(ServedCameras::Options{ROTUNDA_COMMAND, Served(), kBlock});
   }
+  static void WriteLenses(const std::string& name, const std::vector<Frame>& cameras) {
+    Calibration lenses;
+    lenses.created_at = "2026-01-01T09:00:00Z";
+    for (const Frame& frame : cameras) {
+      CalibratedCamera& camera = lenses.cameras.emplace_back();
+      camera.camera = frame.camera;
+      camera.serial = frame.serial;
+      camera.intrinsics = {CameraModel::kPinhole, frame.width_px, frame.height_px, {10, 10, 4, 4}};
+    }
+    ASSERT_TRUE(WriteCalibration(lenses, *folder_ / name).ok());
+  }
   static void WriteConfig(const std::string& name, const FrameSet& set, const std::string& more,
-                          int deadline_ms = 1500) {
+                          int deadline_ms = 1500, bool ptp = false) {
     std::ofstream config(*folder_ / name);
     config << more << "[capture]\nwidth_px = 0\nheight_px = 0\ndeadline_ms = " << deadline_ms
-           << "\nlate_ms = 300\npixel_format = \"" << set.frames.front().pixel_format
-           << "\"\n[uplinks.u]\n";
+           << "\nlate_ms = 300\nptp = " << (ptp ? "true" : "false") << "\npixel_format = \""
+           << set.frames.front().pixel_format << "\"\n[uplinks.u]\n";
     for (size_t i = 0; i < set.frames.size(); ++i) {
       config << "[cameras." << set.frames[i].camera << "]\nserial = \"" << set.frames[i].serial
              << "\"\naddress = \"" << kBlock << '.' << i + 1 << "\"\n";
@@ -148,6 +158,47 @@ TEST_F(CaptureCommand, ACalibrationThatCannotBeReadIsRefusedBeforeThePulse) {
   EXPECT_EQ(FramesSent(), before);
 }
 
+TEST_F(CaptureCommand, ACalibrationOfOtherCamerasIsRefusedBeforeThePulse) {
+  const int before = FramesSent();
+  const ProcessOutcome shot = Capture("elsewhere", {"--calibration", *folder_ / "elsewhere.json"});
+  EXPECT_EQ(shot.exit_code, 1);
+  EXPECT_TRUE(Contains(shot.errors,
+                       "elsewhere.json: has none of the rig's 4 cameras by name and "
+                       "serial number"))
+      << shot.errors;
+  EXPECT_EQ(FramesSent(), before);
+  EXPECT_FALSE(std::filesystem::exists(*folder_ / "elsewhere"));
+}
+
+TEST_F(CaptureCommand, CamerasThatTheCalibrationDoesNotHaveAreNamed) {
+  const std::string lacking =
+      "partly.json does not have 2 of the rig's 4 cameras by name and serial number: c00r1, c00r3";
+  const std::vector<std::string> partly = {"--calibration", *folder_ / "partly.json"};
+  const ProcessOutcome shot = Capture("partly", partly);
+  EXPECT_EQ(shot.exit_code, 0) << shot.errors;
+  EXPECT_TRUE(Contains(shot.output, lacking)) << shot.output;
+  EXPECT_TRUE(std::filesystem::exists(*folder_ / "partly/calibration.json"));
+  const ProcessOutcome json = Capture("partly-json", {partly[0], partly[1], "--json"});
+  EXPECT_TRUE(Contains(Json::parse(json.output).at("notes").at(0), lacking)) << json.output;
+}
+
+TEST_F(CaptureCommand, CamerasWhoseClocksHaveNotHeardThePtpMasterAreWaitedFor) {
+  using Clock = std::chrono::steady_clock;
+  ASSERT_EQ(cameras_->Send({"fault", "all", "no-ptp"}).exit_code, 0);
+  // Longer than cameras are waited for that cannot be opened.
+  const Clock::time_point master_comes = Clock::now() + std::chrono::seconds(7);
+  bool has_come = false;
+  const ProcessOutcome shot = Capture("ptp", {}, "ptp.toml", [&] {
+    if (!has_come && Clock::now() > master_comes) {
+      has_come = true;
+      cameras_->Send({"clear"});
+    }
+    return false;
+  });
+  EXPECT_TRUE(has_come);
+  EXPECT_EQ(shot.exit_code, 0) << shot.errors;
+}
+
 TEST_F(CaptureCommand, AnIncompleteShotIsWrittenAndSaysSo) {
   ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".2", "mute"}).exit_code, 0);
   const ProcessOutcome shot = Capture("muted", {"--json"});
@@ -175,10 +226,15 @@ TEST_F(CaptureCommand, AReasonIsSaidOnce) {
   ASSERT_EQ(cameras_->Send({"fault", "all", "mute"}).exit_code, 0);
   const ProcessOutcome all = Capture("all-muted");
   EXPECT_EQ(all.exit_code, 1);
-  EXPECT_TRUE(Contains(all.errors, "0/4 ok; all missing (")) << all.errors;
-  EXPECT_EQ(CountOf(all.errors, "the trigger line itself"), 1u) << all.errors;
+  EXPECT_TRUE(Contains(all.errors, "0/4 ok, no camera gave a picture; all missing ("))
+      << all.errors;
+  EXPECT_EQ(CountOf(all.errors, "is the trigger cable connected?"), 1u) << all.errors;
   EXPECT_FALSE(Contains(all.output, "skew")) << "of no frame: " << all.output;
   EXPECT_TRUE(std::filesystem::exists(*folder_ / "all-muted/shot.json"));
+  const auto set = ReadFrameSet(*folder_ / "all-muted");
+  ASSERT_TRUE(set) << set.error().ToString();
+  EXPECT_EQ(set->trigger.at("complete"), TriggerValue(false));
+  for (const Frame& frame : set->frames) EXPECT_EQ(frame.file, "") << frame.camera;
 }
 
 /// A camera that never sends makes the shot wait for a minute.

@@ -54,6 +54,9 @@ TEST_F(ServeCameras, TakeCommandsUntilTheyAreEnded) {
   const ProcessOutcome beyond = served.Send({"shot", "99"});
   EXPECT_EQ(beyond.exit_code, 1);
   EXPECT_TRUE(Contains(beyond.errors, "shot is 99, expected 0, the only one")) << beyond.errors;
+  const ProcessOutcome line = served.Send({"pulse", "2"});
+  EXPECT_EQ(line.exit_code, 1);
+  EXPECT_TRUE(Contains(line.errors, "line is 2, expected 0 to 1")) << line.errors;
   EXPECT_TRUE(Contains(served.Send({"list"}).output, "127.42.1.3 "));
   EXPECT_TRUE(std::filesystem::exists(served.socket()));
   const ProcessOutcome& ended = served.End();
@@ -62,6 +65,23 @@ TEST_F(ServeCameras, TakeCommandsUntilTheyAreEnded) {
       << ended.output;
   EXPECT_FALSE(std::filesystem::exists(served.socket()));
   EXPECT_EQ(served.Send({"pulse"}).exit_code, 1);
+}
+
+TEST_F(ServeCameras, ListTellsTheFaultsInForce) {
+  ServedCameras served(At("127.42.5"));
+  served.Send({"fault", "c00r1", "drop", "0.05"});
+  served.Send({"fault", "c00r1", "late", "800", "2"});
+  served.Send({"fault", "c00r2", "unplug"});
+  const std::string list = served.Send({"list"}).output;
+  EXPECT_TRUE(Contains(list, "c00r0 SERVE0 free frames 0 resent 0 missed 0\n")) << list;
+  EXPECT_TRUE(Contains(list,
+                       "c00r1 SERVE1 free frames 0 resent 0 missed 0 faults drop 0.05, late "
+                       "800 (2 more)\n"))
+      << list;
+  EXPECT_TRUE(Contains(list, "c00r2 SERVE2 gone frames 0 resent 0 missed 0 faults unplug\n"))
+      << list;
+  served.Send({"clear"});
+  EXPECT_FALSE(Contains(served.Send({"list"}).output, "faults"));
 }
 
 TEST_F(ServeCameras, ArvToolListsAndReadsThem) {

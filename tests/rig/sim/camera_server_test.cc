@@ -324,6 +324,14 @@ TEST(CameraServer, AddressesAndSocketsAreTakenOnce) {
   const auto third = CameraServer::Start(options);
   ASSERT_FALSE(third.ok());
   EXPECT_EQ(third.error().code, ErrorCode::kAlreadyExists);
+  options.socket = folder / "notes.txt";
+  std::ofstream(options.socket) << "kept";
+  const auto fourth = CameraServer::Start(options);
+  ASSERT_FALSE(fourth.ok());
+  EXPECT_NE(fourth.error().ToString().find("notes.txt: is there and not a socket"),
+            std::string::npos)
+      << fourth.error().ToString();
+  EXPECT_EQ(std::filesystem::file_size(options.socket), 4u) << "what is no socket is not replaced";
   options.cameras[0].serial = "";
   EXPECT_EQ(CameraServer::Start(options).error().code, ErrorCode::kInvalidArgument);
 }
