@@ -163,8 +163,9 @@ HttpResponse ArchiveAnswer(const fs::path& reconstruction, const std::string& fo
 HttpResponse AsFile(HttpResponse made, const std::string& capture, const std::string& format,
                     const std::string& verdict) {
   const bool is_doubted = !verdict.empty() && verdict != "sure";
-  const std::string name = capture + "-" + format + (is_doubted ? "-" + verdict : "") +
-                           (format == kPly ? ".ply" : ".tar");
+  const bool is_ply = format == kPly;
+  const std::string name = capture + (is_ply ? "" : "-" + format) +
+                           (is_doubted ? "-" + verdict : "") + (is_ply ? ".ply" : ".tar");
   made.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + name + "\"");
   if (!verdict.empty()) made.headers.emplace_back("Rotunda-Verdict", verdict);
   return made;

@@ -586,7 +586,7 @@ std::string HeaderOf(const HttpResponse& answer, const std::string& name) {
 
 TEST_F(Api, AnExportThatIsNotSureSaysSo) {
   Fill();
-  const std::string name = "attachment; filename=\"" + std::string(kCapture) + "-";
+  const std::string begin = "attachment; filename=\"" + std::string(kCapture);
   const std::string target = "/v1/captures/" + std::string(kCapture) + "/export?format=";
   for (const std::string verdict : {"sure", "unsure", "folded", ""}) {
     PoseSet poses = MovedPoses();
@@ -604,7 +604,7 @@ TEST_F(Api, AnExportThatIsNotSureSaysSo) {
       ASSERT_EQ(answer.status, 200) << answer.body;
       EXPECT_EQ(HeaderOf(answer, "Rotunda-Verdict"), verdict);
       EXPECT_EQ(HeaderOf(answer, "Content-Disposition"),
-                name + format + mark + (format == "ply" ? ".ply" : ".tar") + "\"");
+                begin + (format == "ply" ? mark + ".ply\"" : "-colmap" + mark + ".tar\""));
     }
     ASSERT_TRUE(state_.store()
                     .Write([&id](Database& database, auto&) {
