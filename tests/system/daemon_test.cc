@@ -18,6 +18,7 @@
 #include <thread>
 #include <vector>
 
+#include "sfm/core/calibration.h"
 #include "sfm/core/frame_set.h"
 #include "tests/support/background_process.h"
 #include "tests/support/process.h"
@@ -671,6 +672,40 @@ TEST(DaemonStart, SaysEverythingThatIsWrongAndEnds) {
       RunProcess({ROTUNDA_DAEMON, "--check-config", "--config",
                   std::string(ROTUNDA_SOURCE_DIR) + "/config/rotundad.toml"});
   EXPECT_EQ(shipped.exit_code, 0) << shipped.errors;
+}
+
+TEST(ClientCommands, AskForWhatTheirOptionsSay) {
+  Daemon daemon({.cameras = NoCameras()});
+  AddCapture(daemon, "x");
+  Calibration calibration;
+  calibration.id = "k";
+  calibration.created_at = "2026-01-01T00:00:00Z";
+  fs::create_directories(daemon.State() / "calibrations" / "k");
+  std::ofstream(daemon.State() / "calibrations" / "k" / "calibration.json")
+      << CalibrationToJson(calibration);
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  // The pictures are none, so that no job does much.
+  const auto request_of = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), ROTUNDA_COMMAND);
+    words.insert(words.end(), {"--socket", daemon.Socket()});
+    const ProcessOutcome outcome = RunProcess(words);
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.errors;
+    EXPECT_TRUE(outcome.errors.starts_with("rotunda: job ")) << outcome.errors;
+    return daemon.Get("/v1/jobs")["items"][0]["request"];
+  };
+  EXPECT_EQ(request_of({"captures", "x", "--reconstruct", "--calibration", "k", "--method", "plain",
+                        "--pairs", "neighbours", "--refine-intrinsics"}),
+            Json::parse(R"({"capture":"x","calibration":"k","method":"plain","pairs":"neighbours",
+                            "refine_intrinsics":true})"));
+  EXPECT_EQ(request_of({"captures", "x", "--reconstruct", "--fix-intrinsics"}),
+            Json::parse(R"({"capture":"x","method":"tc-sfm","pairs":"exhaustive",
+                            "refine_intrinsics":false})"));
+  EXPECT_EQ(request_of({"calibrations", "--from", "x", "--model", "opencv5", "--frame-from", "k"}),
+            Json::parse(R"({"captures":["x"],"model":"opencv5","frame_from":"k"})"));
+  EXPECT_EQ(
+      request_of({"calibrations", "--from", "x", "--fix-intrinsics-from", "k", "--compare", "k"}),
+      Json::parse(R"({"captures":["x"],"model":"opencv","intrinsics_from":"k","compare":"k"})"));
 }
 
 TEST(ClientCommands, SayWhatToDoWithoutADaemon) {
