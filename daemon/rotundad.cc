@@ -17,6 +17,7 @@
 
 #include "config/daemon_config.h"
 #include "daemon/service.h"
+#include "daemon/service_groups.h"
 #include "daemon/service_log.h"
 #include "daemon/store.h"
 #include "daemon/systemd_notify.h"
@@ -176,7 +177,7 @@ int Main(int argc, char** argv) {
   CLI::Option* check = app.add_flag(
       "--check-config", arguments.check_only,
       "Print everything that is wrong with the configuration and the files it names, a "
-      "line each, and exit: 0 nothing, 1 something");
+      "line each, and exit: 0 nothing, 1 something. A group that there is not is a warning");
   app.add_option("--backup", arguments.backup,
                  "Write a copy of the database to FILE, which must not exist, and exit; also while "
                  "a daemon runs. Pictures and results are files: copy them with any program")
@@ -197,6 +198,9 @@ int Main(int argc, char** argv) {
   PrintProblems(checked);
   if (!checked.problems.empty()) return kFailed;
   if (arguments.check_only) {
+    for (const std::string& missing : MissingGroups(checked.config.access)) {
+      std::fprintf(stderr, "warning: %s\n", missing.c_str());
+    }
     std::printf("%s: nothing is wrong\n", arguments.config.c_str());
     return kDone;
   }

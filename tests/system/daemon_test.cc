@@ -672,6 +672,17 @@ TEST(DaemonStart, SaysEverythingThatIsWrongAndEnds) {
       RunProcess({ROTUNDA_DAEMON, "--check-config", "--config",
                   std::string(ROTUNDA_SOURCE_DIR) + "/config/rotundad.toml"});
   EXPECT_EQ(shipped.exit_code, 0) << shipped.errors;
+  for (const char* name : {"capture.toml", "cuboid.toml"}) {
+    fs::copy_file(std::string(ROTUNDA_SOURCE_DIR) + "/config/" + name, folder / name);
+  }
+  std::ofstream(folder / "groups.toml")
+      << "[access]\nviewer_group = \"root\"\noperator_group = \"nobody-has-this\"\n";
+  const ProcessOutcome groups =
+      RunProcess({ROTUNDA_DAEMON, "--check-config", "--config", folder / "groups.toml"});
+  EXPECT_EQ(groups.exit_code, 0);
+  EXPECT_EQ(groups.errors,
+            "warning: access.operator_group: there is no group 'nobody-has-this': nobody has its "
+            "rights\n");
 }
 
 TEST(ClientCommands, AskForWhatTheirOptionsSay) {
