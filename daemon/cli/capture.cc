@@ -354,6 +354,22 @@ CLI::Option* AddRigOption(CLI::App* command, CaptureArguments& arguments) {
       ->type_name("FILE");
 }
 
+/// What the daemon is asked for, which --rig has no part in.
+void AddShotOptions(CLI::App* command, CLI::Option* rig, DaemonShot& shot) {
+  AddSocketOption(command, shot.socket)->excludes(rig);
+  CLI::Option* follow =
+      command
+          ->add_flag("--follow", shot.follow,
+                     "Wait for its reconstruction, too: tell the verdict, and cameras that moved")
+          ->excludes(rig);
+  command
+      ->add_flag_callback(
+          "--no-reconstruct", [&shot] { shot.reconstruct = false; },
+          "Do not reconstruct it afterwards (the calibration target)")
+      ->excludes(rig)
+      ->excludes(follow);
+}
+
 }  // namespace
 
 void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
@@ -397,18 +413,7 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->type_name("FILE")
       ->check(CLI::ExistingFile)
       ->needs(rig);
-  AddSocketOption(command, shot->socket)->excludes(rig);
-  CLI::Option* follow =
-      command
-          ->add_flag("--follow", shot->follow,
-                     "Wait for its reconstruction, too: tell the verdict, and cameras that moved")
-          ->excludes(rig);
-  command
-      ->add_flag_callback(
-          "--no-reconstruct", [shot] { shot->reconstruct = false; },
-          "Do not reconstruct it afterwards (the calibration target)")
-      ->excludes(rig)
-      ->excludes(follow);
+  AddShotOptions(command, rig, *shot);
   command->callback([arguments, shot, &common, &chosen] {
     chosen = [arguments, shot, &common] {
       if (!arguments->rig.empty()) return CaptureAlone(*arguments, common);
