@@ -1,6 +1,9 @@
 #include "config/daemon_config.h"
 
+#include <sys/un.h>
+
 #include <algorithm>
+#include <functional>
 #include <limits>
 #include <sstream>
 #include <utility>
@@ -20,6 +23,7 @@ constexpr int kHour_ms = 3600 * 1000;
 // TimeoutStopSec of rotunda.service is 60 s: the daemon ends, and says why, before it is killed.
 constexpr int kMaxStop_ms = 20000;
 constexpr int kMaxEnd_ms = 55000;
+constexpr size_t kMaxSocketName = sizeof(sockaddr_un::sun_path) - 1;
 
 std::vector<Section> Sections(DaemonConfig& config) {
   DaemonConfig::Http& http = config.http;
@@ -99,6 +103,30 @@ std::string Plain(double number) {
   return text.str();
 }
 
+/// Takes what is wrong: "table.key", and why.
+using Refuse = std::function<void(const std::string& key, const std::string& why)>;
+
+/// Every path that cannot be one.
+void CheckPaths(const DaemonConfig& config, const Refuse& refuse) {
+  const auto absolute = [&](const char* key, const std::string& path) {
+    if (!fs::path(path).is_absolute()) {
+      refuse(key, "is \"" + path + "\", expected an absolute path");
+    }
+  };
+  const auto socket = [&](const char* key, const std::string& path) {
+    absolute(key, path);
+    if (path.size() > kMaxSocketName) {
+      refuse(key, "has " + std::to_string(path.size()) + " bytes, expected at most " +
+                      std::to_string(kMaxSocketName) + ", as the name of a socket");
+    }
+  };
+  socket("service.socket", config.service.socket);
+  absolute("service.state_folder", config.service.state_folder);
+  if (!config.devices.simulated_socket.empty()) {
+    socket("devices.simulated_socket", config.devices.simulated_socket);
+  }
+}
+
 /// Values out of range; the context is "table.key".
 std::vector<Error> WrongValues(const DaemonConfig& config) {
   std::vector<Error> wrong;
@@ -120,22 +148,40 @@ std::vector<Error> WrongValues(const DaemonConfig& config) {
                                  ", expected more than service.stop_ms, which is " +
                                  std::to_string(config.service.stop_ms));
   }
-  const auto absolute = [&](const char* key, const std::string& path) {
-    if (!fs::path(path).is_absolute()) {
-      refuse(key, "is \"" + path + "\", expected an absolute path");
-    }
-  };
-  absolute("service.socket", config.service.socket);
-  absolute("service.state_folder", config.service.state_folder);
-  if (!config.devices.simulated_socket.empty()) {
-    absolute("devices.simulated_socket", config.devices.simulated_socket);
-  }
+  CheckPaths(config, refuse);
   const std::string& level = config.service.log_level;
   if (level != "debug" && level != "info" && level != "warning" && level != "error") {
     refuse("service.log_level",
            "is \"" + level + "\", expected \"debug\", \"info\", \"warning\" or \"error\"");
   }
   return wrong;
+}
+
+/// Reads and checks the files that the configuration names, a relative one in `folder`.
+void CheckNamedFiles(const fs::path& folder, const Refuse& refuse, CheckedDaemonConfig& checked) {
+  const std::string& state_folder = checked.config.service.state_folder;
+  std::error_code ignored;
+  if (fs::exists(state_folder, ignored) && !fs::is_directory(state_folder, ignored)) {
+    refuse("service.state_folder", "is \"" + state_folder + "\", which is there and no folder");
+  }
+  DaemonConfig::Devices& devices = checked.config.devices;
+  devices.capture = folder / devices.capture;
+  devices.board = folder / devices.board;
+  std::vector<Error>& problems = checked.problems;
+  if (const Result<std::string> capture = ReadFile(devices.capture)) {
+    CheckedCaptureOptions options = CheckCaptureOptions(*capture, devices.capture);
+    checked.config.capture = std::move(options.options);
+    checked.config.capture_text = *capture;
+    problems.insert(problems.end(), options.problems.begin(), options.problems.end());
+  } else {
+    refuse("devices.capture", capture.error().ToString());
+  }
+  if (const Result<std::string> board = ReadFile(devices.board)) {
+    const CheckedBoard target = CheckBoard(*board, devices.board);
+    problems.insert(problems.end(), target.problems.begin(), target.problems.end());
+  } else {
+    refuse("devices.board", board.error().ToString());
+  }
 }
 
 }  // namespace
@@ -153,24 +199,14 @@ CheckedDaemonConfig CheckDaemonConfig(const fs::path& file) {
   const Result<std::string> text = ReadFile(file);
   if (!text) return {{}, {text.error()}};
   CheckedDaemonConfig checked = CheckDaemonConfigText(*text, file.string());
-  DaemonConfig::Devices& devices = checked.config.devices;
-  devices.capture = file.parent_path() / devices.capture;
-  devices.board = file.parent_path() / devices.board;
-  std::vector<Error>& problems = checked.problems;
-  if (const Result<std::string> capture = ReadFile(devices.capture)) {
-    CheckedCaptureOptions options = CheckCaptureOptions(*capture, devices.capture);
-    checked.config.capture = std::move(options.options);
-    checked.config.capture_text = *capture;
-    problems.insert(problems.end(), options.problems.begin(), options.problems.end());
-  } else {
-    problems.push_back(capture.error().In("devices.capture"));
-  }
-  if (const Result<std::string> board = ReadFile(devices.board)) {
-    const CheckedBoard target = CheckBoard(*board, devices.board);
-    problems.insert(problems.end(), target.problems.begin(), target.problems.end());
-  } else {
-    problems.push_back(board.error().In("devices.board"));
-  }
+  const Result<TomlFile> toml = TomlFile::Parse(*text, file.string());
+  CheckNamedFiles(
+      file.parent_path(),
+      [&](const std::string& key, const std::string& why) {
+        const Error error{ErrorCode::kBadInput, why, key};
+        checked.problems.push_back(toml ? toml->Located(error) : error.In(file.string()));
+      },
+      checked);
   return checked;
 }
 

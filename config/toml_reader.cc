@@ -82,8 +82,15 @@ void TomlFile::ReadNode(const std::string& name, const toml::node& node,
   const auto refuse = [&](const std::string& why) {
     problems.emplace(LineOf(node), At(node, name, why));
   };
-  const auto known = std::find_if(sections.begin(), sections.end(),
-                                  [&](const Section& section) { return section.name == name; });
+  const auto find = [&sections](const std::string& wanted) {
+    return std::find_if(sections.begin(), sections.end(),
+                        [&wanted](const Section& section) { return section.name == wanted; });
+  };
+  const auto known = find(name);
+  const std::string in_list = name.substr(0, name.find('['));
+  if (known == sections.end() && find(in_list) != sections.end()) {
+    return refuse("is a list of tables, [[" + in_list + "]], expected one, [" + in_list + "]");
+  }
   if (known == sections.end()) {
     return refuse("is not known; allowed are the tables " +
                   ListOf(sections, [](const Section& s) { return s.name; }));
@@ -132,7 +139,10 @@ Status TomlFile::ReadField(const toml::node& node, const std::string& name,
     const auto value = node.value_exact<int64_t>();
     if (!value) return expected("an integer");
     if (*value > std::numeric_limits<int>::max() || *value < std::numeric_limits<int>::min()) {
-      return At(node, name, "is " + std::to_string(*value) + ", which is too large");
+      return At(node, name,
+                "is " + std::to_string(*value) + ", expected " +
+                    std::to_string(std::numeric_limits<int>::min()) + " to " +
+                    std::to_string(std::numeric_limits<int>::max()) + " at most");
     }
     **whole = static_cast<int>(*value);
   } else if (double* const* number = std::get_if<double*>(&field.target)) {

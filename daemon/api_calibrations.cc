@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "daemon/api_answers.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_reconstructions.h"
@@ -23,11 +25,24 @@ HttpResponse Activate(Store& store, const std::string& id) {
   return BulkAnswer([&store, id] { return JsonAnswer(ActivateCalibration(store, id)); });
 }
 
+/// A camera that is not configured may have been: then it has a history.
+HttpResponse OneCamerasDrift(const ApiParts& parts, const std::string& camera, const Page& page) {
+  const auto history = DriftHistory(parts.store, camera, page);
+  const std::vector<rig::CameraState> states = parts.station.States();
+  const bool is_configured =
+      std::any_of(states.begin(), states.end(),
+                  [&camera](const rig::CameraState& state) { return state.camera == camera; });
+  if (history && history->items.empty() && page.after.empty() && !is_configured) {
+    return Problem(404, "there is no camera '" + camera + "', and none of this name has been");
+  }
+  return JsonAnswer(history);
+}
+
 HttpResponse Drift(const ApiParts& parts, const ApiRequest& request) {
   const Result<Page> page = PageOf(request);
   if (!page) return Problem(page.error());
   if (const auto camera = request.query.find("camera"); camera != request.query.end()) {
-    return JsonAnswer(DriftHistory(parts.store, camera->second, *page));
+    return OneCamerasDrift(parts, camera->second, *page);
   }
   const auto active = ActiveCalibration(parts.store);
   if (!active) return Problem(active.error());

@@ -21,6 +21,8 @@ using Json = nlohmann::ordered_json;
 
 // In memory until their clients have taken them, 100 MB each for a full rig.
 constexpr int kMaxArchives = 4;
+constexpr char kPly[] = "ply";
+constexpr char kAnyBytes[] = "application/octet-stream";
 
 HttpResponse List(const ApiParts& parts, const ApiRequest& request) {
   const Result<Page> page = PageOf(request);
@@ -63,18 +65,25 @@ HttpResponse Picture(const ApiParts& parts, const ApiRequest& request) {
   return FileAnswer(parts.store.options().state_folder / found->file, "image/png");
 }
 
-/// The folder of the reconstruction that speaks for the capture.
-Result<fs::path> BestReconstruction(const ApiParts& parts, const std::string& id) {
+/// The reconstruction that speaks for the capture.
+struct BestReconstruction {
+  fs::path folder;
+  std::string verdict;  // empty: its method gives none
+};
+Result<BestReconstruction> FindBest(const ApiParts& parts, const std::string& id) {
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(parts.store, id));
-  if (capture.reconstruction) return parts.store.ReconstructionFolder(*capture.reconstruction);
+  if (capture.reconstruction) {
+    return BestReconstruction{parts.store.ReconstructionFolder(*capture.reconstruction),
+                              capture.verdict};
+  }
   return Error{ErrorCode::kNotFound,
                "it is not reconstructed yet; see /v1/jobs, or POST to its reconstructions", id};
 }
 
 HttpResponse ResultFile(const ApiParts& parts, const ApiRequest& request, const std::string& file,
                         const std::string& content_type) {
-  const auto folder = BestReconstruction(parts, request.path.at("capture"));
-  return folder ? FileAnswer(*folder / file, content_type) : Problem(folder.error());
+  const auto best = FindBest(parts, request.path.at("capture"));
+  return best ? FileAnswer(best->folder / file, content_type) : Problem(best.error());
 }
 
 /// A folder that goes with the object.
@@ -144,25 +153,35 @@ HttpResponse ArchiveAnswer(const fs::path& reconstruction, const std::string& fo
     return Problem(422, format + ": " + tar.error().ToString());
   }
   if (!tar) return Problem(tar.error());
-  response.content_type = "application/octet-stream";
+  response.content_type = kAnyBytes;
   response.body = *std::move(tar);
   return response;
+}
+
+/// To be kept under a name that says what it is. Formats of other programs have no place for a
+/// verdict: one that is not sure stands in the name, any in a header.
+HttpResponse AsFile(HttpResponse made, const std::string& capture, const std::string& format,
+                    const std::string& verdict) {
+  const bool is_doubted = !verdict.empty() && verdict != "sure";
+  const bool is_ply = format == kPly;
+  const std::string name = capture + (is_ply ? "" : "-" + format) +
+                           (is_doubted ? "-" + verdict : "") + (is_ply ? ".ply" : ".tar");
+  made.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + name + "\"");
+  if (!verdict.empty()) made.headers.emplace_back("Rotunda-Verdict", verdict);
+  return made;
 }
 
 HttpResponse Export(const ApiParts& parts, const ApiRequest& request,
                     const std::shared_ptr<Exporter>& exporter) {
   const std::string& capture = request.path.at("capture");
   const std::string& format = request.query.at("format");
-  const auto folder = BestReconstruction(parts, capture);
-  if (!folder) return Problem(folder.error());
-  const bool is_ply = format == "ply";
-  const auto as_file = [name = capture + "-" + format + (is_ply ? "" : ".tar")](HttpResponse made) {
-    if (made.status != 200) return made;
-    made.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + name + "\"");
-    return made;
+  const auto best = FindBest(parts, capture);
+  if (!best) return Problem(best.error());
+  const auto as_file = [capture, format, verdict = best->verdict](HttpResponse made) {
+    return made.status == 200 ? AsFile(std::move(made), capture, format, verdict) : made;
   };
-  if (is_ply) return as_file(FileAnswer(*folder / "points.ply", "application/octet-stream"));
-  return BulkAnswer([folder = *folder, format, exporter, as_file] {
+  if (format == kPly) return as_file(FileAnswer(best->folder / "points.ply", kAnyBytes));
+  return BulkAnswer([folder = best->folder, format, exporter, as_file] {
     return as_file(ArchiveAnswer(folder, format, *exporter));
   });
 }
@@ -234,9 +253,11 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
        .path = "/v1/captures/{capture}/export",
        .operation = "getExport",
        .summary =
-           "The capture's `reconstruction` for other programs: a tar archive, or the PLY file",
+           "The capture's `reconstruction` for other programs: a tar archive, or the PLY file. The "
+           "header Rotunda-Verdict has its verdict; one that is not sure is in the file's name, "
+           "too",
        .query = {{"format", "What to write", ExportFormats(), true}},
-       .content_type = "application/octet-stream",
+       .content_type = kAnyBytes,
        .refusals = {{422,
                      "The format cannot hold the model: `detail` names the camera, its lens "
                      "model, and the lens models that the format holds"}},

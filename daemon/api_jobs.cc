@@ -11,7 +11,7 @@ namespace {
 // Of events, in one piece of a stream.
 constexpr size_t kEventsAtOnce = 100;
 // How long a client is to wait before it connects again.
-constexpr char kStreamBegin[] = "retry: 2000\n\n";
+constexpr int kRetry_ms = 2000;
 
 /// nullopt: no number from 0 on that fits.
 std::optional<int64_t> Number(const std::string& text) {
@@ -54,6 +54,12 @@ HttpResponse WithJob(const ApiRequest& request, const Act& act) {
   return JsonAnswer(job);
 }
 
+/// No event: how to come again. With the number a client that is cut off before its first event
+/// misses nothing either.
+std::string StreamBegin(int64_t after) {
+  return "retry: " + std::to_string(kRetry_ms) + "\nid: " + std::to_string(after) + "\n\n";
+}
+
 std::string StreamText(const EventRecord& event) {
   return "id: " + std::to_string(event.number) + "\nevent: " + event.kind + "\ndata: " +
          ToJson(event).dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) +
@@ -64,7 +70,7 @@ std::string StreamText(const EventRecord& event) {
 /// costs nobody else anything.
 StreamSource EventsAfter(Store& store, int64_t after) {
   return [&store, after, begun = false]() mutable {
-    std::string text = begun ? "" : kStreamBegin;
+    std::string text = begun ? "" : StreamBegin(after);
     begun = true;
     const Result<std::vector<EventRecord>> events = ListEvents(store, after, kEventsAtOnce);
     if (!events) return text;

@@ -14,6 +14,7 @@
 #include "daemon/store_captures.h"
 #include "daemon/store_jobs.h"
 #include "daemon/store_reconstructions.h"
+#include "sfm/core/name_list.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -105,7 +106,8 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
   if (!overview.not_ready.empty()) {
     overview.problems.push_back(std::to_string(overview.not_ready.size()) + " of " +
                                 std::to_string(states.size()) +
-                                " cameras are not ready; see /v1/cameras");
+                                " cameras are not ready: " + ListOfNames(overview.not_ready) +
+                                "; /v1/cameras and `rotunda cameras` say why");
   }
   if (const auto trouble = parts.station.DiskTrouble()) {
     overview.problems.push_back("a shot cannot be written and waits in memory: " +

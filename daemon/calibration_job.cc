@@ -94,7 +94,7 @@ const Calibration* Reference(const CalibrationTask& task) {
 /// What explains most comes first.
 std::vector<std::string> Notes(const CalibrationTask& task, const CalibrationOutcome& outcome) {
   const rig::RigCalibration& result = outcome.result;
-  std::vector<std::string> notes;
+  std::vector<std::string> notes = task.notes;
   const std::string doubt = rig::DoubtOnBoard(task.board, outcome.sightings, &result, {});
   if (!doubt.empty()) notes.push_back(task.board_name + " " + doubt);
   for (std::string& fit :
@@ -129,6 +129,11 @@ Result<std::optional<EarlierCalibration>> ReadOurs(Store& store,
   return std::optional<EarlierCalibration>({std::move(calibration), record.id});
 }
 
+/// A calibration in force that is broken, or another rig's, must not stand in the way of a new one.
+void AddNotCompared(const Error& why, CalibrationTask& task) {
+  task.notes.push_back("not compared with the calibration in force: " + why.ToString());
+}
+
 Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
                                const fs::path& board) {
   CalibrationTask task;
@@ -147,7 +152,14 @@ Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
     ROTUNDA_ASSIGN_OR_RETURN(const auto active, ActiveCalibration(store));
     if (active) compare = active->id;
   }
-  ROTUNDA_ASSIGN_OR_RETURN(task.compare, ReadOurs(store, compare));
+  Result<std::optional<EarlierCalibration>> earlier = ReadOurs(store, compare);
+  if (earlier) {
+    task.compare = *std::move(earlier);
+  } else if (task.compare_asked_for) {
+    return earlier.error();
+  } else {
+    AddNotCompared(earlier.error(), task);
+  }
   return task;
 }
 
@@ -158,6 +170,16 @@ Status CheckReference(const rig::ShotPictures& pictures,
   if (!other) return {};
   const Status shared = rig::CheckShared(pictures.cameras, other->calibration, least);
   return shared.ok() ? shared : Status(shared.error().In(use + " " + other->name));
+}
+
+/// Leaves out what nobody asked to be compared with and cannot be.
+CalibrationTask Comparable(CalibrationTask task, const rig::ShotPictures& pictures) {
+  if (task.compare_asked_for) return task;
+  const Status shared = CheckReference(pictures, task.compare, "compare", rig::kMinComparedCameras);
+  if (shared.ok()) return task;
+  AddNotCompared(shared.error(), task);
+  task.compare = std::nullopt;
+  return task;
 }
 
 /// What was kept or is compared with must be of the same target.
@@ -264,9 +286,10 @@ Result<std::string> Run(Store& store, const CalibrationJobOptions& options, cons
 
 }  // namespace
 
-Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& task, RunContext& context) {
+Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& given, RunContext& context) {
   CalibrationOutcome outcome;
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::ShotPictures pictures, rig::FindShots(task.framesets));
+  ROTUNDA_ASSIGN_OR_RETURN(const rig::ShotPictures pictures, rig::FindShots(given.framesets));
+  const CalibrationTask task = Comparable(given, pictures);
   ROTUNDA_RETURN_IF_ERROR(CheckTask(task, pictures));
   ROTUNDA_ASSIGN_OR_RETURN(outcome.sightings, rig::DetectBoards(pictures, task.board, {}, context));
   ROTUNDA_RETURN_IF_ERROR(CheckKept(task, outcome.sightings.cameras));  // sizes are known now

@@ -34,9 +34,10 @@ struct CalibrationTask {
   std::optional<EarlierCalibration> intrinsics_from;
   std::optional<EarlierCalibration> frame_from;  // rig frame
   std::optional<EarlierCalibration> compare;     // name the cameras that moved since
-  /// Whether `compare` was asked for: it is refused then when it is of another target, which else
-  /// is a note.
+  /// Whether `compare` was asked for: it is refused then when it is of another target or rig, which
+  /// else is a note.
   bool compare_asked_for = true;
+  std::vector<std::string> notes;  // what the operator is to know before there is an outcome
 };
 
 struct CalibrationOutcome {

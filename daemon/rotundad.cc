@@ -13,9 +13,11 @@
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 
 #include "config/daemon_config.h"
 #include "daemon/service.h"
+#include "daemon/service_groups.h"
 #include "daemon/service_log.h"
 #include "daemon/store.h"
 #include "daemon/systemd_notify.h"
@@ -68,13 +70,28 @@ void Reload(Service& service, const Arguments& arguments, spdlog::logger& log) {
   NotifyReady(service.Summary());
 }
 
-/// Until SIGTERM or SIGINT. The watchdog is fed only while everything is alive.
-void Run(Service& service, const Arguments& arguments, const sigset_t& signals,
-         spdlog::logger& log) {
+/// Tells systemd how the service is, when that has changed.
+class StatusLine {
+ public:
+  explicit StatusLine(std::string told) : told_(std::move(told)) {}
+  void Tell(std::string status) {
+    if (status != told_) NotifyStatus(status);
+    told_ = std::move(status);
+  }
+
+ private:
+  std::string told_;
+};
+
+/// Until SIGTERM or SIGINT. The watchdog is fed only while everything is alive. `ready`: what
+/// systemd was told at the start.
+void Run(Service& service, const std::string& ready, const Arguments& arguments,
+         const sigset_t& signals, spdlog::logger& log) {
   const auto watchdog = WatchdogInterval();
   const microseconds tick = watchdog ? std::min(kTick, *watchdog / kTicksPerInterval) : kTick;
   const timespec wait{static_cast<time_t>(tick.count() / 1000000),
                       static_cast<long>(tick.count() % 1000000 * 1000)};
+  StatusLine status(ready);
   bool told = false;
   while (true) {
     const int signal = sigtimedwait(&signals, nullptr, &wait);
@@ -84,6 +101,7 @@ void Run(Service& service, const Arguments& arguments, const sigset_t& signals,
     if (!hung) NotifyAlive();
     if (hung && !told) log.critical("{}; the watchdog is not fed any more", *hung);
     told = hung.has_value();
+    status.Tell(service.Summary());
   }
 }
 
@@ -127,8 +145,9 @@ int Serve(const Arguments& arguments, const config::DaemonConfig& config) {
                      *log);
   if (!service) return fail(service.error());
   log->info("ready on {}", *inherited ? "the socket of systemd" : config.service.socket);
-  NotifyReady((*service)->Summary());
-  Run(**service, arguments, signals, *log);
+  const std::string ready = (*service)->Summary();
+  NotifyReady(ready);
+  Run(**service, ready, arguments, signals, *log);
   NotifyStopping();
   log->info("stopping");
   const LatestEnd latest_end(std::chrono::milliseconds(config.service.end_ms), *log);
@@ -158,7 +177,7 @@ int Main(int argc, char** argv) {
   CLI::Option* check = app.add_flag(
       "--check-config", arguments.check_only,
       "Print everything that is wrong with the configuration and the files it names, a "
-      "line each, and exit: 0 nothing, 1 something");
+      "line each, and exit: 0 nothing, 1 something. A group that there is not is a warning");
   app.add_option("--backup", arguments.backup,
                  "Write a copy of the database to FILE, which must not exist, and exit; also while "
                  "a daemon runs. Pictures and results are files: copy them with any program")
@@ -179,6 +198,9 @@ int Main(int argc, char** argv) {
   PrintProblems(checked);
   if (!checked.problems.empty()) return kFailed;
   if (arguments.check_only) {
+    for (const std::string& missing : MissingGroups(checked.config.access)) {
+      std::fprintf(stderr, "warning: %s\n", missing.c_str());
+    }
     std::printf("%s: nothing is wrong\n", arguments.config.c_str());
     return kDone;
   }

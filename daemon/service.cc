@@ -1,10 +1,8 @@
 #include "daemon/service.h"
 
-#include <grp.h>
 #include <unistd.h>
 
 #include <atomic>
-#include <cerrno>
 #include <condition_variable>
 #include <filesystem>
 #include <mutex>
@@ -21,6 +19,7 @@
 #include "daemon/jobs.h"
 #include "daemon/reconstruction_job.h"
 #include "daemon/retention.h"
+#include "daemon/service_groups.h"
 #include "daemon/service_log.h"
 #include "daemon/store_jobs.h"
 
@@ -43,8 +42,6 @@ constexpr auto kRetentionInterval = std::chrono::hours(1);
 // Of ended ones, some kilobytes each: years of a studio's work, and lists that are quick.
 constexpr size_t kKeptJobs = 10000;
 constexpr uint64_t kBytesPerMegabyte = 1000000;
-// A group with a million members; more is a broken directory service.
-constexpr size_t kMaxGroupBytes = size_t{1} << 26;
 
 RetentionPolicy PolicyOf(const config::DaemonConfig::Storage& storage) {
   RetentionPolicy policy;
@@ -53,22 +50,14 @@ RetentionPolicy PolicyOf(const config::DaemonConfig::Storage& storage) {
   return policy;
 }
 
-std::vector<gid_t> GroupsNamed(const std::string& name, spdlog::logger& log) {
-  if (name.empty()) return {};
-  std::vector<char> memory(1 << 16);
-  group entry{};
-  group* found = nullptr;
-  const auto look = [&] {
-    return getgrnam_r(name.c_str(), &entry, memory.data(), memory.size(), &found);
-  };
-  while (look() == ERANGE && memory.size() < kMaxGroupBytes) memory.resize(2 * memory.size());
-  if (found != nullptr) return {found->gr_gid};
-  log.warn("there is no group '{}': nobody has its rights", name);
-  return {};
+std::vector<gid_t> GroupsNamed(const std::string& name) {
+  const std::optional<gid_t> group = name.empty() ? std::nullopt : GroupId(name);
+  return group ? std::vector<gid_t>{*group} : std::vector<gid_t>();
 }
 
 HttpAccess AccessOf(const config::DaemonConfig::Access& access, spdlog::logger& log) {
-  return {GroupsNamed(access.viewer_group, log), GroupsNamed(access.operator_group, log)};
+  for (const std::string& missing : MissingGroups(access)) log.warn("{}", missing);
+  return {GroupsNamed(access.viewer_group), GroupsNamed(access.operator_group)};
 }
 
 std::map<Role, std::string> RoleNames(const config::DaemonConfig::Access& access) {

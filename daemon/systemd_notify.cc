@@ -21,6 +21,10 @@ void NotifyReady(const std::string& status) {
   sd_notify(kKeepEnvironment, ("READY=1\nSTATUS=" + status).c_str());
 }
 
+void NotifyStatus(const std::string& status) {
+  sd_notify(kKeepEnvironment, ("STATUS=" + status).c_str());
+}
+
 void NotifyReloading() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);

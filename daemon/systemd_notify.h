@@ -16,6 +16,8 @@ namespace rotunda::daemon {
 void NotifyStillStarting();
 /// READY=1, with a line for `systemctl status`.
 void NotifyReady(const std::string& status);
+/// STATUS: another line for `systemctl status`.
+void NotifyStatus(const std::string& status);
 /// RELOADING=1; NotifyReady() follows.
 void NotifyReloading();
 void NotifyStopping();

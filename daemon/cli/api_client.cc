@@ -8,8 +8,12 @@
 #include <boost/asio/local/stream_protocol.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
+#include <cctype>
 #include <chrono>
+#include <cstring>
+#include <limits>
 #include <optional>
+#include <sstream>
 
 namespace rotunda::cli {
 namespace {
@@ -114,20 +118,41 @@ Error Refused(unsigned status, const std::string& body) {
           "daemon"};
 }
 
-/// Takes whole events out of `text` and hands over their data.
-void HandOver(std::string& text, const ApiClient::OnEvent& on_event) {
+/// The value of a field of a block of a stream; empty when it is not there.
+std::string FieldIn(const std::string& block, const std::string& name) {
+  std::istringstream lines(block);
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with(name + ": ")) return line.substr(name.size() + 2);
+  }
+  return "";
+}
+
+/// Takes whole blocks out of `text`, hands over the data of those that are events, and keeps the
+/// last id.
+void HandOver(std::string& text, std::string& last_id, const ApiClient::OnEvent& on_event) {
   for (size_t end; (end = text.find("\n\n")) != std::string::npos; text.erase(0, end + 2)) {
-    const std::string block = "\n" + text.substr(0, end) + "\n";
-    const size_t data = block.find("\ndata: ");
-    if (data == std::string::npos) continue;
-    const size_t begin = data + 7;
-    const Json event =
-        Json::parse(block.substr(begin, block.find('\n', begin) - begin), nullptr, false);
+    const std::string block = text.substr(0, end);
+    const Json event = Json::parse(FieldIn(block, "data"), nullptr, false);
     if (event.is_object()) on_event(event);
+    if (std::string id = FieldIn(block, "id"); !id.empty()) last_id = std::move(id);
   }
 }
 
 }  // namespace
+
+std::string PercentEncoded(const std::string& text) {
+  constexpr char kDigits[] = "0123456789ABCDEF";
+  std::string encoded;
+  for (const char letter : text) {
+    const auto byte = static_cast<unsigned char>(letter);
+    if (byte < 0x80 && (std::isalnum(byte) != 0 || std::strchr("-._~", letter) != nullptr)) {
+      encoded += letter;
+    } else {
+      encoded += {'%', kDigits[byte >> 4], kDigits[byte & 0xF]};
+    }
+  }
+  return encoded;
+}
 
 ApiClient::ApiClient(std::filesystem::path socket, std::stop_token stop)
     : socket_(std::move(socket)), stop_(std::move(stop)) {}
@@ -155,12 +180,14 @@ Result<Json> ApiClient::Ask(const std::string& method, const std::string& target
   return Error{ErrorCode::kFailed, "its answer is not JSON", "daemon"};
 }
 
-Status ApiClient::Follow(const std::string& target, const OnEvent& on_event) const {
+Status ApiClient::Follow(const std::string& target, std::string& last_id,
+                         const OnEvent& on_event) const {
   Connection connection(stop_);
   ROTUNDA_RETURN_IF_ERROR(connection.Open(socket_));
   ROTUNDA_RETURN_IF_ERROR(connection.Send(MakeRequest("GET", target, "")));
   http::response_parser<http::string_body> parser;
-  parser.body_limit(boost::none);
+  // Boost 1.74 takes boost::none for less than any Content-Length, and an error answer has one.
+  parser.body_limit(std::numeric_limits<uint64_t>::max());
   ROTUNDA_RETURN_IF_ERROR(connection.ReadHeader(parser));
   if (parser.get().result_int() != 200) {
     ROTUNDA_RETURN_IF_ERROR(connection.ReadAll(parser));
@@ -170,7 +197,7 @@ Status ApiClient::Follow(const std::string& target, const OnEvent& on_event) con
   while (!parser.is_done()) {
     ROTUNDA_RETURN_IF_ERROR(connection.ReadSome(parser));
     text += std::exchange(parser.get().body(), "");
-    HandOver(text, on_event);
+    HandOver(text, last_id, on_event);
   }
   return {};
 }

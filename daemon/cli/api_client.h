@@ -14,6 +14,10 @@ namespace rotunda::cli {
 
 inline constexpr char kDefaultSocket[] = "/run/rotunda/api.sock";
 
+/// `text` as a part of a path or a query (RFC 3986): what is not a letter, a digit or one of -._~
+/// as %XX.
+std::string PercentEncoded(const std::string& text);
+
 /// Asks the daemon. Each call has a connection of its own and ends when `stop` is set (kCancelled).
 class ApiClient {
  public:
@@ -28,8 +32,9 @@ class ApiClient {
   Result<nlohmann::ordered_json> Delete(const std::string& target) const;
 
   /// Hands over the data of every event of the stream, until `stop`, or the daemon ends it.
+  /// `last_id` becomes the stream's latest id, with which another one goes on.
   using OnEvent = std::function<void(const nlohmann::ordered_json& event)>;
-  Status Follow(const std::string& target, const OnEvent& on_event) const;
+  Status Follow(const std::string& target, std::string& last_id, const OnEvent& on_event) const;
 
  private:
   Result<nlohmann::ordered_json> Ask(const std::string& method, const std::string& target,

@@ -409,6 +409,22 @@ CLI::Option* AddRigOption(CLI::App* command, CaptureArguments& arguments) {
       ->type_name("FILE");
 }
 
+/// What the daemon is asked for, which --rig has no part in.
+void AddShotOptions(CLI::App* command, CLI::Option* rig, DaemonShot& shot) {
+  AddSocketOption(command, shot.socket)->excludes(rig);
+  CLI::Option* follow =
+      command
+          ->add_flag("--follow", shot.follow,
+                     "Wait for its reconstruction, too: tell the verdict, and cameras that moved")
+          ->excludes(rig);
+  command
+      ->add_flag_callback(
+          "--no-reconstruct", [&shot] { shot.reconstruct = false; },
+          "Do not reconstruct it afterwards (the calibration target)")
+      ->excludes(rig)
+      ->excludes(follow);
+}
+
 }  // namespace
 
 void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
@@ -418,9 +434,11 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       app, common, "capture",
       "Take one synchronised picture with all cameras. With --rig without a daemon, written as a "
       "frame set; else by the daemon, which keeps and reconstructs it. Also a shot that cameras "
-      "missed is written, and marked incomplete; the exit status is 1 then. Ctrl-C keeps the "
-      "pictures that have come, as a set marked incomplete, or leaves nothing when none had.",
-      "rotunda capture --subject \"person 1\"\n"
+      "missed is written, and marked incomplete; the exit status is 1 then. Ctrl-C with --rig "
+      "keeps "
+      "the pictures that have come, as a set marked incomplete, or leaves nothing when none had; "
+      "without, it ends only this command, and the daemon goes on.",
+      "rotunda capture --subject \"person 1\" --follow\n"
       "  rotunda capture --rig config/capture.toml --out person1\n"
       "  rotunda capture --rig config/capture.toml --out person1 --simulated");
   command->add_option("--subject", arguments->subject, "Whom or what the pictures show");
@@ -451,12 +469,7 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->type_name("FILE")
       ->check(CLI::ExistingFile)
       ->needs(rig);
-  AddSocketOption(command, shot->socket)->excludes(rig);
-  command
-      ->add_flag_callback(
-          "--no-reconstruct", [shot] { shot->reconstruct = false; },
-          "Do not reconstruct it afterwards (the calibration target)")
-      ->excludes(rig);
+  AddShotOptions(command, rig, *shot);
   command->callback([arguments, shot, &common, &chosen] {
     chosen = [arguments, shot, &common] {
       if (!arguments->rig.empty()) return CaptureAlone(*arguments, common);

@@ -1,5 +1,6 @@
 #include "daemon/cli/daemon_commands.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <memory>
@@ -7,7 +8,9 @@
 #include <vector>
 
 #include "daemon/cli/api_client.h"
+#include "daemon/cli/daemon_tables.h"
 #include "daemon/cli/terminal.h"
+#include "rig/lens_models.h"
 
 namespace rotunda::cli {
 namespace {
@@ -15,7 +18,12 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr auto kJobPollInterval = std::chrono::milliseconds(200);
+// How often a job is asked for: a tenth of the time that has been waited, within these. Each look
+// is a line of the daemon's access log.
+constexpr auto kMinJobPollInterval = std::chrono::milliseconds(200);
+constexpr auto kMaxJobPollInterval = std::chrono::milliseconds(1000);
+// How often a daemon that has gone is looked for.
+constexpr auto kReturnPollInterval = std::chrono::milliseconds(200);
 
 /// What a list or one thing is asked with.
 struct QueryArguments {
@@ -23,56 +31,6 @@ struct QueryArguments {
   std::string id;  // empty: the list
   int limit = 20;
 };
-
-/// A field as it is shown in a table; "-" when it is not there.
-std::string Text(const Json& object, const std::string& key) {
-  if (!object.contains(key)) return "-";
-  const Json& value = object[key];
-  if (value.is_string()) return value.get<std::string>();
-  if (value.is_boolean()) return value.get<bool>() ? "yes" : "no";
-  if (!value.is_number_float()) return value.dump();
-  char text[32];
-  std::snprintf(text, sizeof(text), "%.3f", value.get<double>());
-  return text;
-}
-
-struct Column {
-  const char* title;
-  const char* key;
-};
-
-/// Columns as wide as they need.
-void PrintTable(const Json& items, const std::vector<Column>& columns) {
-  std::vector<size_t> widths;
-  for (const Column& column : columns) {
-    size_t width = std::string(column.title).size();
-    for (const Json& item : items) width = std::max(width, Text(item, column.key).size());
-    widths.push_back(width);
-  }
-  const auto print_row = [&](const auto& cell) {
-    std::string line;
-    for (size_t i = 0; i < columns.size(); ++i) {
-      const std::string text = cell(columns[i]);
-      line += text + std::string(widths[i] + 2 - text.size(), ' ');
-    }
-    line.erase(line.find_last_not_of(' ') + 1);
-    std::printf("%s\n", line.c_str());
-  };
-  print_row([](const Column& column) { return std::string(column.title); });
-  for (const Json& item : items) {
-    print_row([&](const Column& column) { return Text(item, column.key); });
-  }
-}
-
-void PrintJson(const Json& value) { std::printf("%s\n", value.dump(1).c_str()); }
-
-/// Fields of one thing, a line each.
-void PrintFields(const Json& object) {
-  for (const auto& [key, value] : object.items()) {
-    if (value.is_array() || value.is_object()) continue;
-    std::printf("%-18s %s\n", key.c_str(), Text(object, key).c_str());
-  }
-}
 
 /// Asks and prints: JSON as it comes, else by `print`.
 int Show(const Result<Json>& answer, const CommonOptions& common,
@@ -82,34 +40,11 @@ int Show(const Result<Json>& answer, const CommonOptions& common,
   return kDone;
 }
 
-void PrintJob(const Json& job) {
-  PrintFields(job);
-  for (const char* part : {"request", "progress", "result"}) {
-    if (job.contains(part)) std::printf("%-18s %s\n", part, job[part].dump().c_str());
-  }
-}
-
-void PrintJobs(const Json& page) {
-  Json rows = page["items"];
-  for (Json& row : rows) {
-    if (!row.contains("progress") || row["state"] != "running") continue;
-    const Json& progress = row["progress"];
-    row["at"] = progress["stage"].get<std::string>() + " " + progress["done"].dump() + "/" +
-                progress["total"].dump();
-  }
-  PrintTable(rows, {{"job", "id"},
-                    {"kind", "kind"},
-                    {"state", "state"},
-                    {"created", "created_at"},
-                    {"at", "at"},
-                    {"product", "product"},
-                    {"error", "error"}});
-}
-
 /// Shows a job's progress until it has ended. Ctrl-C leaves it running, and says so.
 Result<Json> FollowJob(const ApiClient& client, const Json& job, const CommonOptions& common) {
   const std::string target = "/v1/jobs/" + job["id"].dump();
   ProgressLine progress(!common.json);
+  const auto begin = std::chrono::steady_clock::now();
   while (true) {
     const Result<Json> now = client.Get(target);
     if (!now && now.error().code == ErrorCode::kCancelled) {
@@ -121,14 +56,16 @@ Result<Json> FollowJob(const ApiClient& client, const Json& job, const CommonOpt
     const std::string state = (*now)["state"];
     if (state == "done") return *now;
     if (state != "queued" && state != "running") {
-      return Error{ErrorCode::kFailed, now->contains("error") ? Text(*now, "error") : state,
+      return Error{ErrorCode::kFailed, now->contains("error") ? FieldText(*now, "error") : state,
                    "job " + job["id"].dump()};
     }
     if (now->contains("progress")) {
       const Json& at = (*now)["progress"];
       progress.Update(at["stage"].get<std::string>(), at["done"], at["total"]);
     }
-    std::this_thread::sleep_for(kJobPollInterval);
+    const auto waited = std::chrono::duration_cast<std::chrono::milliseconds>(
+        std::chrono::steady_clock::now() - begin);
+    std::this_thread::sleep_for(std::clamp(waited / 10, kMinJobPollInterval, kMaxJobPollInterval));
   }
 }
 
@@ -137,46 +74,6 @@ Result<Json> RunJob(const ApiClient& client, const std::string& target, const Js
                     const CommonOptions& common) {
   ROTUNDA_ASSIGN_OR_RETURN(const Json job, client.Post(target, body));
   return FollowJob(client, job, common);
-}
-
-void PrintStatus(const Json& status) {
-  const Json& cameras = status["cameras"];
-  std::printf("cameras      %s of %s ready\n", cameras["ready"].dump().c_str(),
-              cameras["of"].dump().c_str());
-  std::printf("calibration  %s\n",
-              status.contains("calibration") ? Text(status, "calibration").c_str() : "none");
-  if (status.contains("last_capture")) {
-    const Json& last = status["last_capture"];
-    std::printf("last capture %s, %s of %s frames, %s\n", Text(last, "id").c_str(),
-                last["ok"].dump().c_str(), last["of"].dump().c_str(),
-                last.contains("verdict") ? Text(last, "verdict").c_str() : "not reconstructed");
-  }
-  std::printf("jobs         %zu running, %s queued\n", status["jobs"]["running"].size(),
-              status["jobs"]["queued"].dump().c_str());
-  std::printf("disk         %.1f GB free\n", 1e-9 * status["disk"]["free_bytes"].get<double>());
-  for (const Json& camera : status["moved"]) {
-    std::printf("  moved: %s by %s mm, %s deg\n", Text(camera, "camera").c_str(),
-                Text(camera, "position_mm").c_str(), Text(camera, "rotation_deg").c_str());
-  }
-  for (const Json& problem : status["problems"]) {
-    std::printf("  see to: %s\n", problem.get<std::string>().c_str());
-  }
-}
-
-void PrintCapture(const Json& capture) {
-  PrintFields(capture);
-  for (const Json& frame : capture["frames"]) {
-    if (frame["status"] == "ok") continue;
-    std::printf("  %s: %s\n", Text(frame, "camera").c_str(), Text(frame, "status").c_str());
-  }
-  if (capture["reconstructions"].empty()) return;
-  PrintTable(capture["reconstructions"], {{"reconstruction", "id"},
-                                          {"registered", "registered"},
-                                          {"of", "of"},
-                                          {"rms px", "rms_px"},
-                                          {"verdict", "verdict"},
-                                          {"mean mm", "mean_position_mm"},
-                                          {"mean deg", "mean_rotation_deg"}});
 }
 
 /// A command with --socket and, if `what` is not empty, an id to look at and --limit.
@@ -194,7 +91,153 @@ CLI::App* AddQuery(CLI::App& app, CommonOptions& common, QueryArguments& query,
 }
 
 std::string ListTarget(const std::string& path, const QueryArguments& query) {
-  return query.id.empty() ? path + "?limit=" + std::to_string(query.limit) : path + "/" + query.id;
+  return query.id.empty() ? path + "?limit=" + std::to_string(query.limit)
+                          : path + "/" + PercentEncoded(query.id);
+}
+
+/// Of a reconstruction that is asked for; empty fields are left to the daemon.
+struct ReconstructionArguments {
+  bool wanted = false;
+  std::string calibration, method, pairs;
+  bool fix_intrinsics = false, refine_intrinsics = false;
+};
+
+void AddReconstructionOptions(CLI::App* command, ReconstructionArguments& arguments) {
+  CLI::Option* wanted = command->add_flag("--reconstruct", arguments.wanted,
+                                          "Reconstruct CAPTURE and wait for the result");
+  wanted->needs("CAPTURE");
+  command
+      ->add_option("--calibration", arguments.calibration,
+                   "Lenses, scale and rig frame of this one; default: that in force at the shot")
+      ->type_name("CALIBRATION")
+      ->needs(wanted);
+  command->add_option("--method", arguments.method, "See rotunda reconstruct; default: tc-sfm")
+      ->check(CLI::IsMember({"tc-sfm", "plain"}))
+      ->needs(wanted);
+  command->add_option("--pairs", arguments.pairs, "Pairs to match; default: exhaustive")
+      ->check(CLI::IsMember({"exhaustive", "neighbours"}))
+      ->needs(wanted);
+  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments.fix_intrinsics,
+                                       "Keep intrinsics (default when they are calibrated)");
+  fix->needs(wanted);
+  command
+      ->add_flag("--refine-intrinsics", arguments.refine_intrinsics,
+                 "Refine focal length and distortion (default without a calibration)")
+      ->needs(wanted)
+      ->excludes(fix);
+}
+
+/// `body` with the field, when there is a value.
+void SetIfGiven(Json& body, const char* field, const std::string& value) {
+  if (!value.empty()) body[field] = value;
+}
+
+Json BodyOf(const ReconstructionArguments& arguments) {
+  Json body = Json::object();
+  SetIfGiven(body, "calibration", arguments.calibration);
+  SetIfGiven(body, "method", arguments.method);
+  SetIfGiven(body, "pairs", arguments.pairs);
+  if (arguments.fix_intrinsics || arguments.refine_intrinsics) {
+    body["refine_intrinsics"] = arguments.refine_intrinsics;
+  }
+  return body;
+}
+
+/// Of a calibration that is asked for; no captures: none is. Empty fields are left to the daemon.
+struct CalibrationArguments {
+  std::vector<std::string> captures;
+  std::string model, frame_from, intrinsics_from, compare;
+};
+
+void AddCalibrationOptions(CLI::App* command, CalibrationArguments& arguments) {
+  CLI::Option* from = command->add_option("--from", arguments.captures,
+                                          "Calibrate from these captures of the target, and wait");
+  from->type_name("CAPTURE")->excludes("--activate")->excludes("CALIBRATION");
+  std::vector<std::string> models;
+  for (const auto& [name, model] : rig::LensModelsByName()) models.push_back(name);
+  CLI::Option* model =
+      command->add_option("--model", arguments.model, "Lenses, see rotunda calibrate");
+  model->check(CLI::IsMember(models))->needs(from);
+  const auto earlier = [&](const char* name, std::string& id, const char* help) {
+    return command->add_option(name, id, help)->type_name("CALIBRATION")->needs(from);
+  };
+  earlier("--fix-intrinsics-from", arguments.intrinsics_from,
+          "Keep lenses, rig frame and target of this one: one shot is enough")
+      ->excludes(model);
+  earlier("--frame-from", arguments.frame_from, "Keep the rig frame of this one");
+  earlier("--compare", arguments.compare,
+          "Name cameras that moved since this one; default: the one in force");
+}
+
+Json BodyOf(const CalibrationArguments& arguments) {
+  Json body = {{"captures", arguments.captures}};
+  SetIfGiven(body, "model", arguments.model);
+  SetIfGiven(body, "intrinsics_from", arguments.intrinsics_from);
+  SetIfGiven(body, "frame_from", arguments.frame_from);
+  SetIfGiven(body, "compare", arguments.compare);
+  return body;
+}
+
+/// Until `stop`. A daemon that has been there is waited for when it goes, and no event is missed.
+Status FollowEvents(const ApiClient& client, const std::string& after, const std::stop_token& stop,
+                    const ApiClient::OnEvent& on_event) {
+  std::string last_id;  // not empty once a stream has begun
+  while (true) {
+    const std::string& from = last_id.empty() ? after : last_id;
+    const Status status = client.Follow(
+        "/v1/events" + (from.empty() ? "" : "?after=" + PercentEncoded(from)), last_id, on_event);
+    const bool is_lost = status.ok() || status.error().code == ErrorCode::kIo;
+    const bool may_return = is_lost || status.error().code == ErrorCode::kNotFound;
+    if (last_id.empty() || !may_return) return status;
+    if (stop.stop_requested()) return Interrupted("");
+    if (is_lost) {
+      std::fprintf(stderr,
+                   "rotunda: the daemon has ended the connection; waiting until it is "
+                   "back (Ctrl-C ends)\n");
+    }
+    std::this_thread::sleep_for(kReturnPollInterval);
+  }
+}
+
+void PrintShot(const Json& result, const std::string& tally) {
+  std::printf("%s\ncapture %s\n", tally.c_str(), FieldText(result, "capture").c_str());
+  for (const Json& note : result.value("notes", Json::array())) {
+    std::printf("%s\n", note.get<std::string>().c_str());
+  }
+}
+
+/// The job that reconstructs a capture which has just been taken. kNotFound.
+Result<Json> ReconstructionOf(const ApiClient& client, const std::string& capture) {
+  ROTUNDA_ASSIGN_OR_RETURN(const Json jobs, client.Get("/v1/jobs?limit=500"));
+  for (const Json& job : jobs["items"]) {
+    if (job["kind"] == "reconstruction" && job["request"]["capture"] == capture) return job;
+  }
+  return Error{ErrorCode::kNotFound, "has no reconstruction among the newest jobs", capture};
+}
+
+/// Waits for the reconstruction of a capture; gives its verdict and other figures. An unsure one is
+/// no error.
+Result<Json> FollowReconstruction(const ApiClient& client, const std::string& capture,
+                                  const CommonOptions& common) {
+  ROTUNDA_ASSIGN_OR_RETURN(const Json job, ReconstructionOf(client, capture));
+  ROTUNDA_ASSIGN_OR_RETURN(const Json done, FollowJob(client, job, common));
+  return done["result"];
+}
+
+/// With the cameras that are not where the calibration in force has them.
+Status PrintReconstruction(const ApiClient& client, const Json& reconstruction) {
+  ROTUNDA_ASSIGN_OR_RETURN(const Json status, client.Get("/v1/status"));
+  PrintFields(reconstruction);
+  PrintMoved(status);
+  return {};
+}
+
+/// Adds its reconstruction to what is known of a shot.
+Status TellReconstruction(const ApiClient& client, const CommonOptions& common, Json& result) {
+  std::fflush(stdout);  // what is known before
+  ROTUNDA_ASSIGN_OR_RETURN(result["reconstruction"],
+                           FollowReconstruction(client, result["capture"], common));
+  return common.json ? Status() : PrintReconstruction(client, result["reconstruction"]);
 }
 
 }  // namespace
@@ -212,32 +255,19 @@ int CaptureByDaemon(const DaemonShot& shot, const CommonOptions& common) {
   if (shot.subject) body["subject"] = *shot.subject;
   const Result<Json> job = RunJob(client, "/v1/captures", body, common);
   if (!job) return Fail(job.error());
-  const Json& result = (*job)["result"];
-  const std::string tally = Text(result, "ok") + "/" + Text(result, "of") + " ok";
-  if (common.json) {
-    PrintJson(result);
-  } else {
-    std::printf("%s\ncapture %s\n", tally.c_str(), Text(result, "capture").c_str());
-    for (const Json& note : result.value("notes", Json::array())) {
-      std::printf("%s\n", note.get<std::string>().c_str());
-    }
-  }
+  Json result = (*job)["result"];
+  const std::string tally = FieldText(result, "ok") + "/" + FieldText(result, "of") + " ok";
+  if (!common.json) PrintShot(result, tally);
+  const Status followed = shot.follow ? TellReconstruction(client, common, result) : Status();
+  if (common.json) PrintJson(result);
+  if (!followed.ok()) return Fail(followed.error());
   if (result.value("complete", false)) return kDone;
   return Fail({ErrorCode::kFailed, result.value("summary", tally), kIncompleteSet});
 }
 
 int CamerasOfDaemon(const fs::path& socket, const CommonOptions& common) {
   const Result<Json> cameras = ApiClient(socket, common.stop).Get("/v1/cameras");
-  return Show(cameras, common, [](const Json& list) {
-    PrintTable(list["items"], {{"camera", "camera"},
-                               {"is", "condition"},
-                               {"address", "address"},
-                               {"serial", "serial"},
-                               {"model", "model"},
-                               {"temp C", "temperature_deg_c"},
-                               {"resent", "resent_packets"},
-                               {"problem", "problem"}});
-  });
+  return Show(cameras, common, PrintCameras);
 }
 
 void AddStatus(CLI::App& app, CommonOptions& common, Action& chosen) {
@@ -288,26 +318,17 @@ void AddCaptures(CLI::App& app, CommonOptions& common, Action& chosen) {
                 "rotunda captures\n  rotunda captures 20261122T101500Z\n"
                 "  rotunda captures 20261122T101500Z --reconstruct",
                 "CAPTURE"});
-  auto reconstruct = std::make_shared<bool>(false);
-  command->add_flag("--reconstruct", *reconstruct, "Reconstruct CAPTURE and wait for the result")
-      ->needs("CAPTURE");
+  auto reconstruction = std::make_shared<ReconstructionArguments>();
+  AddReconstructionOptions(command, *reconstruction);
   command->callback([=, &common, &chosen] {
     chosen = [=, &common] {
       const ApiClient client(query->socket, common.stop);
       const std::string target = ListTarget("/v1/captures", *query);
-      if (*reconstruct) {
-        return Show(RunJob(client, target + "/reconstructions", Json::object(), common), common,
-                    PrintJob);
+      if (reconstruction->wanted) {
+        return Show(RunJob(client, target + "/reconstructions", BodyOf(*reconstruction), common),
+                    common, PrintJob);
       }
-      return Show(client.Get(target), common, [&](const Json& answer) {
-        if (!query->id.empty()) return PrintCapture(answer);
-        PrintTable(answer["items"], {{"capture", "id"},
-                                     {"captured", "captured_at"},
-                                     {"subject", "subject"},
-                                     {"ok", "ok"},
-                                     {"of", "of"},
-                                     {"verdict", "verdict"}});
-      });
+      return Show(client.Get(target), common, query->id.empty() ? PrintCaptures : PrintCapture);
     };
   });
 }
@@ -318,32 +339,24 @@ void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen) {
       app, common, *query,
       {"calibrations", "List the daemon's calibrations, show one, make one, put one in force.",
        "rotunda calibrations\n  rotunda calibrations --from 20261122T101500Z 20261122T101700Z\n"
-       "  rotunda calibrations charuco-20261122T101700Z --activate",
+       "  rotunda calibrations charuco-20261122T101700Z --activate\n"
+       "  rotunda calibrations --from 20261123T080000Z --fix-intrinsics-from "
+       "charuco-20261122T101700Z",
        "CALIBRATION"});
   auto activate = std::make_shared<bool>(false);
-  auto captures = std::make_shared<std::vector<std::string>>();
+  auto calibration = std::make_shared<CalibrationArguments>();
   command->add_flag("--activate", *activate, "Put CALIBRATION in force")->needs("CALIBRATION");
-  command->add_option("--from", *captures, "Calibrate from these captures of the target, and wait")
-      ->type_name("CAPTURE")
-      ->excludes("--activate");
+  AddCalibrationOptions(command, *calibration);
   command->callback([=, &common, &chosen] {
     chosen = [=, &common] {
       const ApiClient client(query->socket, common.stop);
-      if (!captures->empty()) {
-        return Show(RunJob(client, "/v1/calibrations", {{"captures", *captures}}, common), common,
+      if (!calibration->captures.empty()) {
+        return Show(RunJob(client, "/v1/calibrations", BodyOf(*calibration), common), common,
                     PrintJob);
       }
       const std::string target = ListTarget("/v1/calibrations", *query);
       return Show(*activate ? client.Post(target + "/activate", nullptr) : client.Get(target),
-                  common, [&](const Json& answer) {
-                    if (!query->id.empty()) return PrintFields(answer);
-                    PrintTable(answer["items"], {{"calibration", "id"},
-                                                 {"created", "created_at"},
-                                                 {"cameras", "cameras"},
-                                                 {"rms px", "rms_px"},
-                                                 {"held out px", "held_out_rms_px"},
-                                                 {"in force", "active"}});
-                  });
+                  common, query->id.empty() ? PrintCalibrations : PrintFields);
     };
   });
 }
@@ -351,24 +364,20 @@ void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen) {
 void AddEvents(CLI::App& app, CommonOptions& common, Action& chosen) {
   auto query = std::make_shared<QueryArguments>();
   auto after = std::make_shared<std::string>();
-  CLI::App* command =
-      AddQuery(app, common, *query,
-               {"events", "Show what happens at the daemon, a line an event, until Ctrl-C.",
-                "rotunda events\n  rotunda events --after 0 --json"});
+  CLI::App* command = AddQuery(
+      app, common, *query,
+      {"events",
+       "Show what happens at the daemon, a line an event, until Ctrl-C; also when the daemon is "
+       "restarted meanwhile.",
+       "rotunda events\n  rotunda events --after 0 --json"});
   command->add_option("--after", *after, "Begin after this event; 0: with all that are kept")
       ->type_name("NUMBER");
   command->callback([=, &common, &chosen] {
     chosen = [=, &common] {
       const ApiClient client(query->socket, common.stop);
-      const std::string target = "/v1/events" + (after->empty() ? "" : "?after=" + *after);
-      const Status status = client.Follow(target, [&](const Json& event) {
-        if (common.json) {
-          std::printf("%s\n", event.dump().c_str());
-        } else {
-          std::printf("%s %s %s %s %s\n", event["number"].dump().c_str(), Text(event, "at").c_str(),
-                      Text(event, "kind").c_str(), Text(event, "about").c_str(),
-                      event["data"].dump().c_str());
-        }
+      const Status status = FollowEvents(client, *after, common.stop, [&common](const Json& event) {
+        common.json ? static_cast<void>(std::printf("%s\n", event.dump().c_str()))
+                    : PrintEvent(event);
         std::fflush(stdout);  // each event when it happens, in a pipe too
       });
       const bool asked_to_end = !status && status.error().code == ErrorCode::kCancelled;

@@ -19,6 +19,7 @@ struct DaemonShot {
   std::filesystem::path socket;
   std::optional<std::string> subject;
   bool reconstruct = true;
+  bool follow = false;  // to the end of its reconstruction
 };
 int CaptureByDaemon(const DaemonShot& shot, const CommonOptions& common);
 

@@ -18,6 +18,10 @@ std::string Found(const json* value) {
   return text.size() <= kMaxFoundLength ? text : text.substr(0, kMaxFoundLength) + "...";
 }
 
+std::string PathOf(const std::string& parent, const std::string& key) {
+  return parent.empty() ? key : parent + "." + key;
+}
+
 /// The library's text without its "[json.exception.parse_error.101] " in front.
 std::string PlainMessage(const json::exception& exception) {
   const std::string text = exception.what();
@@ -74,7 +78,7 @@ bool IsUtf8(std::string_view bytes) {
 }
 
 JsonField JsonField::operator[](const std::string& key) const {
-  const std::string path = path_.empty() ? key : path_ + "." + key;
+  const std::string path = PathOf(path_, key);
   if (value_ == nullptr || !value_->is_object()) {
     Refuse("an object");
     return JsonField(reader_, nullptr, path);
@@ -151,7 +155,7 @@ std::vector<std::pair<std::string, JsonField>> JsonField::Members() const {
     return members;
   }
   for (const auto& [key, value] : value_->items()) {
-    members.emplace_back(key, JsonField(reader_, &value, path_ + "." + key));
+    members.emplace_back(key, JsonField(reader_, &value, PathOf(path_, key)));
   }
   return members;
 }

@@ -85,6 +85,41 @@ TEST(DaemonConfig, PathsAreAbsoluteOrBesideTheFile) {
   }
 }
 
+TEST(DaemonConfig, AStateFolderThatIsAFileIsRefused) {
+  const test::TemporaryFolder folder;
+  const std::string file = folder / "d.toml";
+  for (const char* name : {"capture.toml", "cuboid.toml"}) {
+    fs::copy_file(Shipped().parent_path() / name, folder / name);
+  }
+  std::ofstream(file) << "[service]\nstate_folder = \"" << file << "\"\n";
+  EXPECT_EQ(Texts(CheckDaemonConfig(file).problems),
+            (std::vector<std::string>{file + ":2: service.state_folder: is \"" + file +
+                                      "\", which is there and no folder"}));
+}
+
+TEST(DaemonConfig, WhatNoKeyCanBeSaysWhatIsAllowed) {
+  EXPECT_EQ(Texts(CheckDaemonConfigText("[[service]]\n", "x").problems),
+            (std::vector<std::string>{
+                "x:1: service[0]: is a list of tables, [[service]], expected one, [service]"}));
+  EXPECT_EQ(Texts(CheckDaemonConfigText("[storage]\nkeep_days = 99999999999\n", "x").problems),
+            (std::vector<std::string>{"x:2: storage.keep_days: is 99999999999, expected "
+                                      "-2147483648 to 2147483647 at most"}));
+}
+
+TEST(DaemonConfig, ANameThatIsTooLongForASocketIsRefused) {
+  const std::string longest = "/" + std::string(106, 's');
+  for (const auto& [table, key] :
+       {std::pair("service", "socket"), {"devices", "simulated_socket"}}) {
+    const std::string begin = std::string("[") + table + "]\n" + key + " = \"" + longest;
+    EXPECT_EQ(Texts(CheckDaemonConfigText(begin + "\"\n", "x").problems),
+              std::vector<std::string>());
+    EXPECT_EQ(Texts(CheckDaemonConfigText(begin + "s\"\n", "x").problems),
+              (std::vector<std::string>{std::string("x:2: ") + table + "." + key +
+                                        ": has 108 bytes, expected at most 107, as the name of a "
+                                        "socket"}));
+  }
+}
+
 TEST(DaemonConfig, TheFilesItNamesAreCheckedToo) {
   const test::TemporaryFolder folder;
   std::ofstream(folder / "d.toml") << "[devices]\ncapture = \"c.toml\"\nboard = \"gone.toml\"\n";
@@ -96,7 +131,9 @@ TEST(DaemonConfig, TheFilesItNamesAreCheckedToo) {
   EXPECT_NE(problems[1].find("c.toml:4: trigger.line"), std::string::npos) << problems[1];
   EXPECT_NE(problems[2].find("c.toml:6: cameras.a.serial"), std::string::npos) << problems[2];
   EXPECT_NE(problems[3].find("c.toml:5: cameras.a.uplink"), std::string::npos) << problems[3];
-  EXPECT_NE(problems[4].find("gone.toml"), std::string::npos) << problems[4];
+  const std::string here = folder.path().string() + "/";
+  EXPECT_EQ(problems[4], here + "d.toml:3: devices.board: " + here +
+                             "gone.toml: cannot open: No such file or directory");
   EXPECT_EQ(CheckDaemonConfig(folder / "none.toml").problems.size(), 1u);
 }
 

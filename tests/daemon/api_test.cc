@@ -518,7 +518,7 @@ TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
        {"/v1/captures/x", "/v1/captures/x/poses", "/v1/captures/x/export?format=ply",
         "/v1/captures/x/frames/c0.png", "/v1/captures/20260101T100000Z/frames/c9.png",
         "/v1/calibrations/x", "/v1/calibrations/x/calibration.json", "/v1/reconstructions/x",
-        "/v1/jobs/999", "/v1/cameras/c0", "/v1/cameras/c0/preview.jpg"}) {
+        "/v1/jobs/999", "/v1/cameras/c0", "/v1/cameras/c0/preview.jpg", "/v1/drift?camera=c9"}) {
     const HttpResponse answer = Get(target);
     EXPECT_EQ(answer.status, 404) << target;
     Checked(answer, "Problem");
@@ -577,11 +577,49 @@ TEST_F(Api, AModelThatAFormatCannotHoldIs422) {
   EXPECT_TRUE(operation["responses"]["422"]["content"].contains("application/problem+json"));
 }
 
+std::string HeaderOf(const HttpResponse& answer, const std::string& name) {
+  for (const auto& [key, value] : answer.headers) {
+    if (key == name) return value;
+  }
+  return "";
+}
+
+TEST_F(Api, AnExportThatIsNotSureSaysSo) {
+  Fill();
+  const std::string begin = "attachment; filename=\"" + std::string(kCapture);
+  const std::string target = "/v1/captures/" + std::string(kCapture) + "/export?format=";
+  for (const std::string verdict : {"sure", "unsure", "folded", ""}) {
+    PoseSet poses = MovedPoses();
+    poses.summary.verdict = verdict;
+    // The newest of those that are not sure speaks for the capture, once the sure one is gone.
+    const std::string id = std::string(kReconstruction) + (verdict == "sure" ? "" : verdict + "x");
+    const auto folder = state_.store().ReconstructionFolder(id);
+    std::filesystem::create_directories(folder);
+    std::ofstream(folder / "poses.json") << PoseSetToJson(poses);
+    WriteModel(folder, {CameraModel::kOpencv, 8, 8, {10, 10, 4, 4, 0, 0, 0, 0}});
+    ASSERT_TRUE(RecordReconstruction(state_.store(), id));
+    const std::string mark = verdict == "unsure" || verdict == "folded" ? "-" + verdict : "";
+    for (const std::string format : {"colmap", "ply"}) {
+      const HttpResponse answer = Get(target + format);
+      ASSERT_EQ(answer.status, 200) << answer.body;
+      EXPECT_EQ(HeaderOf(answer, "Rotunda-Verdict"), verdict);
+      EXPECT_EQ(HeaderOf(answer, "Content-Disposition"),
+                begin + (format == "ply" ? mark + ".ply\"" : "-colmap" + mark + ".tar\""));
+    }
+    ASSERT_TRUE(state_.store()
+                    .Write([&id](Database& database, auto&) {
+                      return database.Execute("DELETE FROM reconstructions WHERE id = '" + id +
+                                              "'");
+                    })
+                    .ok());
+  }
+}
+
 /// Numbers of the events in a piece of a stream.
 std::vector<int> NumbersIn(const std::string& stream) {
   std::vector<int> numbers;
-  for (size_t at = stream.find("id: "); at != std::string::npos; at = stream.find("id: ", at + 1)) {
-    numbers.push_back(std::stoi(stream.substr(at + 4)));
+  for (size_t at = 0; (at = stream.find("\nevent: ", at)) != std::string::npos; ++at) {
+    numbers.push_back(std::stoi(stream.substr(stream.rfind("id: ", at) + 4)));
   }
   return numbers;
 }
@@ -590,11 +628,14 @@ TEST_F(Api, EventStreamsBeginWhereTheClientSays) {
   Fill();
   const HttpResponse from_now = Get("/v1/events");
   ASSERT_TRUE(from_now.stream);
-  EXPECT_EQ(NumbersIn(from_now.stream()), std::vector<int>());
+  const std::string begin = from_now.stream();
+  EXPECT_EQ(NumbersIn(begin), std::vector<int>());
   const HttpResponse all = Get("/v1/events?after=0");
   const std::string text = all.stream();
   const std::vector<int> numbers = NumbersIn(text);
   ASSERT_GE(numbers.size(), 3u);
+  EXPECT_NE(begin.find("\nid: " + std::to_string(numbers.back()) + "\n"), std::string::npos)
+      << "where to go on, also for a client that is cut off before its first event: " << begin;
   EXPECT_NE(text.find("event: calibration_activated\n"), std::string::npos) << text;
   const Json schemas = Document()["components"]["schemas"];
   const size_t data = text.find("data: ") + 6;

@@ -45,6 +45,9 @@ TEST(ReconstructionJob, TheBodyIsFilledInAndChecked) {
         "{\"capture\": \"x\", \"pairs\": \"\"}", "{\"capture\": \"x\", \"threads\": 5}"}) {
     EXPECT_EQ(handler.check(body).error().code, ErrorCode::kInvalidArgument) << body;
   }
+  EXPECT_EQ(handler.check("{\"capture\": \"x\", \"threads\": 5}").error().ToString(),
+            "request: threads: is not known, expected only: capture, calibration, method, pairs, "
+            "refine_intrinsics");
   EXPECT_NE(handler.check("{\"capture\": \"x\", \"method\": \"magic\"}")
                 .error()
                 .ToString()
@@ -171,6 +174,34 @@ TEST(CalibrationJob, APictureWithoutABoardIsAReasonToFail) {
   ASSERT_FALSE(result.ok());
   EXPECT_FALSE(result.error().message.empty());
   EXPECT_TRUE(fs::is_empty(state.folder() / "calibrations"));
+}
+
+/// The calibration in force must not be what keeps the next one from being made.
+TEST(CalibrationJob, IsNotKeptFromItsWorkByTheCalibrationInForce) {
+  DaemonState state;
+  Store& store = state.store();
+  AddNoise(store, "x");
+  const JobHandler handler =
+      MakeCalibrationHandler(store, {fs::path(ROTUNDA_SOURCE_DIR) / "config/cuboid.toml", 1});
+  const auto error_of = [&](const std::string& body) {
+    JobContext context{{}, nullptr};
+    const auto result = handler.run(JobOf(store, JobKind::kCalibration, body), context);
+    return result.ok() ? "" : result.error().ToString();
+  };
+  const std::string body = "{\"captures\":[\"x\"]}";
+  const std::string compare = "{\"captures\":[\"x\"],\"compare\":\"old\"}";
+  const std::string no_board = error_of(body);
+  ASSERT_NE(no_board, "");
+  Calibration other_rig;
+  other_rig.created_at = "2026-01-01T00:00:00Z";
+  test::WriteCalibrationFolder(store.CalibrationFolder("old"), other_rig);
+  ASSERT_TRUE(RecordCalibration(store, "old").ok());
+  ASSERT_TRUE(ActivateCalibration(store, "old").ok());
+  EXPECT_EQ(error_of(body), no_board);
+  EXPECT_NE(error_of(compare), no_board) << "what was asked for is not left out";
+  ASSERT_TRUE(WriteFileAtomically(store.CalibrationFolder("old") / "calibration.json", "{").ok());
+  EXPECT_EQ(error_of(body), no_board);
+  EXPECT_NE(error_of(compare).find("calibration.json"), std::string::npos) << error_of(compare);
 }
 
 TEST(CalibrationIds, AreMadeOfTheTimeOfTheNewestShot) {

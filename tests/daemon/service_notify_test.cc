@@ -49,6 +49,8 @@ TEST(SystemdNotify, SaysWhatSystemdUnderstands) {
   EXPECT_EQ(systemd.Next(), "EXTEND_TIMEOUT_USEC=60000000");
   NotifyReady("90 of 90 cameras ready");
   EXPECT_EQ(systemd.Next(), "READY=1\nSTATUS=90 of 90 cameras ready");
+  NotifyStatus("89 of 90 cameras ready");
+  EXPECT_EQ(systemd.Next(), "STATUS=89 of 90 cameras ready");
   NotifyAlive();
   EXPECT_EQ(systemd.Next(), "WATCHDOG=1");
   NotifyStopping();

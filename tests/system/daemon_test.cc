@@ -18,6 +18,7 @@
 #include <thread>
 #include <vector>
 
+#include "sfm/core/calibration.h"
 #include "sfm/core/frame_set.h"
 #include "tests/support/background_process.h"
 #include "tests/support/process.h"
@@ -396,9 +397,18 @@ void DaemonSystem::UseTheCommands() {
   const ProcessOutcome in_force = RunProcess(command({"calibrations", calibration_, "--json"}));
   EXPECT_EQ(Json::parse(in_force.output)["active"], true) << in_force.errors;
   EXPECT_EQ(RunProcess(command({"cameras"})).exit_code, 0);
-  const ProcessOutcome none = RunProcess(command({"captures", "none"}));
-  EXPECT_EQ(none.exit_code, 1);
-  EXPECT_EQ(std::count(none.errors.begin(), none.errors.end(), '\n'), 1) << none.errors;
+  // What is refused says why, in a line.
+  const std::vector<std::pair<std::vector<std::string>, std::string>> refused = {
+      {{"captures", "none"}, "there is no capture \"none\""},
+      {{"captures", "a b?c"}, "'a b?c' is no name"},
+      {{"jobs", "1/rerun"}, "holds a '/'"},
+      {{"events", "--after", "x y"}, "'x y' is no number of an event"}};
+  for (const auto& [words, reason] : refused) {
+    const ProcessOutcome none = RunProcess(command(words));
+    EXPECT_EQ(none.exit_code, 1) << words[0];
+    EXPECT_NE(none.errors.find(reason), std::string::npos) << none.errors;
+    EXPECT_EQ(std::count(none.errors.begin(), none.errors.end(), '\n'), 1) << none.errors;
+  }
   BackgroundProcess followed(
       {command({"events", "--after", "0"}), {}, std::nullopt, daemon / "followed"});
   EXPECT_TRUE(WaitUntil([&] {
@@ -407,19 +417,38 @@ void DaemonSystem::UseTheCommands() {
   followed.Signal(SIGINT);
   EXPECT_EQ(followed.Wait(), 0) << followed.Output();
   // On a terminal a line tells how far it is: a camera that does not answer takes time.
-  ASSERT_EQ(SendToCameras({"fault", std::string(kBlock) + ".2", "mute"}), 0);
+  ASSERT_EQ(SendToCameras({"fault", std::string(kBlock) + ".2", "unplug"}), 0);
   const ProcessOutcome on_terminal =
       RunProcess({"script", "-qec",
                   std::string(ROTUNDA_COMMAND) + " capture --no-reconstruct --socket " +
                       daemon.Socket().string(),
                   "/dev/null"});
   EXPECT_NE(on_terminal.output.find("\r\x1b[Kcameras "), std::string::npos) << on_terminal.output;
+  // What `systemctl status` shows follows.
+  const auto wait_for_status = [&](int ready) {
+    return daemon.notify().WaitFor(
+        "STATUS=" + std::to_string(ready) + " of " + std::to_string(kCameras) + " cameras ready",
+        kPatience);
+  };
+  ASSERT_TRUE(wait_for_status(kCameras - 1));
+  const std::string unplugged = daemon.Get("/v1/status")["cameras"]["not_ready"][0];
+  EXPECT_NE(daemon.Get("/v1/status")["problems"].dump().find("not ready: " + unplugged + ";"),
+            std::string::npos);
   ASSERT_EQ(SendToCameras({"clear", "all"}), 0);
-  ASSERT_TRUE(WaitUntil([&] { return daemon.Get("/v1/status")["cameras"]["ready"] == kCameras; }));
+  ASSERT_TRUE(wait_for_status(kCameras));
   const ProcessOutcome by_command =
-      RunProcess(command({"capture", "--subject", "second", "--no-reconstruct", "--json"}));
+      RunProcess(command({"capture", "--subject", "Zo\u00EB\t\x1b[31m", "--follow", "--json"}));
   ASSERT_EQ(by_command.exit_code, 0) << by_command.errors;
-  newest_ = Json::parse(by_command.output)["capture"];
+  const Json taken = Json::parse(by_command.output);
+  newest_ = taken["capture"];
+  EXPECT_EQ(taken["reconstruction"]["capture"], newest_);
+  EXPECT_EQ(taken["reconstruction"]["verdict"], "sure");
+  // A name does not speak to the terminal, and columns stay below each other.
+  const std::string list = RunProcess(command({"captures"})).output;
+  const size_t newest = list.find(newest_), person = list.find(capture_);
+  EXPECT_NE(list.find("  Zo\u00EB??[31m  "), std::string::npos) << list;
+  // One letter has two bytes.
+  EXPECT_EQ(list.find(" 30 ", newest) - newest - 1, list.find(" 30 ", person) - person) << list;
 }
 
 /// A copy of the database, made beside the daemon.
@@ -468,6 +497,13 @@ void DaemonSystem::Reload() {
 /// Nothing is forgotten.
 void DaemonSystem::StopAndStartAgain() {
   Daemon& daemon = *daemon_;
+  BackgroundProcess followed({{ROTUNDA_COMMAND, "events", "--socket", daemon.Socket()},
+                              {},
+                              std::nullopt,
+                              daemon / "followed"});
+  ASSERT_TRUE(WaitUntil([&] {
+    return daemon.Curl("/metrics").output.find("\nrotunda_http_streams 2\n") != std::string::npos;
+  }));
   daemon.process().Signal(SIGTERM);
   EXPECT_TRUE(daemon.notify().WaitFor("STOPPING=1", kPatience));
   EXPECT_EQ(daemon.process().Wait(), 0) << daemon.Log();
@@ -479,6 +515,14 @@ void DaemonSystem::StopAndStartAgain() {
   EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], newest_);
   EXPECT_EQ(daemon.Get("/v1/captures")["items"][2]["id"], capture_);
   EXPECT_EQ(daemon.Get("/v1/status")["calibration"], calibration_);
+  // A command that follows the events has waited.
+  const std::string job = daemon.Post("/v1/captures/" + capture_ + "/reconstructions")["id"].dump();
+  daemon.Curl("/v1/jobs/" + job, {"-X", "DELETE"});
+  EXPECT_TRUE(WaitUntil([&] {
+    return followed.Output().find(" job_queued " + job + " ") != std::string::npos;
+  })) << followed.Output();
+  followed.Signal(SIGINT);
+  EXPECT_EQ(followed.Wait(), 0) << followed.Output();
 }
 
 TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
@@ -628,6 +672,51 @@ TEST(DaemonStart, SaysEverythingThatIsWrongAndEnds) {
       RunProcess({ROTUNDA_DAEMON, "--check-config", "--config",
                   std::string(ROTUNDA_SOURCE_DIR) + "/config/rotundad.toml"});
   EXPECT_EQ(shipped.exit_code, 0) << shipped.errors;
+  for (const char* name : {"capture.toml", "cuboid.toml"}) {
+    fs::copy_file(std::string(ROTUNDA_SOURCE_DIR) + "/config/" + name, folder / name);
+  }
+  std::ofstream(folder / "groups.toml")
+      << "[access]\nviewer_group = \"root\"\noperator_group = \"nobody-has-this\"\n";
+  const ProcessOutcome groups =
+      RunProcess({ROTUNDA_DAEMON, "--check-config", "--config", folder / "groups.toml"});
+  EXPECT_EQ(groups.exit_code, 0);
+  EXPECT_EQ(groups.errors,
+            "warning: access.operator_group: there is no group 'nobody-has-this': nobody has its "
+            "rights\n");
+}
+
+TEST(ClientCommands, AskForWhatTheirOptionsSay) {
+  Daemon daemon({.cameras = NoCameras()});
+  AddCapture(daemon, "x");
+  Calibration calibration;
+  calibration.id = "k";
+  calibration.created_at = "2026-01-01T00:00:00Z";
+  fs::create_directories(daemon.State() / "calibrations" / "k");
+  std::ofstream(daemon.State() / "calibrations" / "k" / "calibration.json")
+      << CalibrationToJson(calibration);
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  // The pictures are none, so that no job does much.
+  const auto request_of = [&](std::vector<std::string> words) {
+    words.insert(words.begin(), ROTUNDA_COMMAND);
+    words.insert(words.end(), {"--socket", daemon.Socket()});
+    const ProcessOutcome outcome = RunProcess(words);
+    EXPECT_EQ(outcome.exit_code, 1) << outcome.errors;
+    EXPECT_TRUE(outcome.errors.starts_with("rotunda: job ")) << outcome.errors;
+    return daemon.Get("/v1/jobs")["items"][0]["request"];
+  };
+  EXPECT_EQ(request_of({"captures", "x", "--reconstruct", "--calibration", "k", "--method", "plain",
+                        "--pairs", "neighbours", "--refine-intrinsics"}),
+            Json::parse(R"({"capture":"x","calibration":"k","method":"plain","pairs":"neighbours",
+                            "refine_intrinsics":true})"));
+  EXPECT_EQ(request_of({"captures", "x", "--reconstruct", "--fix-intrinsics"}),
+            Json::parse(R"({"capture":"x","method":"tc-sfm","pairs":"exhaustive",
+                            "refine_intrinsics":false})"));
+  EXPECT_EQ(request_of({"calibrations", "--from", "x", "--model", "opencv5", "--frame-from", "k"}),
+            Json::parse(R"({"captures":["x"],"model":"opencv5","frame_from":"k"})"));
+  EXPECT_EQ(
+      request_of({"calibrations", "--from", "x", "--fix-intrinsics-from", "k", "--compare", "k"}),
+      Json::parse(R"({"captures":["x"],"model":"opencv","intrinsics_from":"k","compare":"k"})"));
 }
 
 TEST(ClientCommands, SayWhatToDoWithoutADaemon) {

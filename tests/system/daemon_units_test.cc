@@ -3,12 +3,17 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "sfm/core/calibration.h"
+#include "sfm/core/frame_set.h"
+#include "tests/support/background_process.h"
 #include "tests/support/process.h"
 
 namespace rotunda {
@@ -138,7 +143,8 @@ TEST(Install, PutsEverythingInPlace) {
         "lib/systemd/system/rotunda.socket", "lib/sysusers.d/rotunda.conf",
         "lib/tmpfiles.d/rotunda.conf", "lib/sysctl.d/60-rotunda.conf",
         "lib/udev/rules.d/60-rotunda-gpio.rules", "share/bash-completion/completions/rotunda",
-        "share/doc/rotunda/README.md"}) {
+        "share/bash-completion/completions/rotundad", "share/doc/rotunda/README.md",
+        "share/doc/rotunda/daemon/README.md"}) {
     EXPECT_TRUE(fs::is_regular_file(prefix / file)) << file;
   }
   const std::string unit = test::TextOf(prefix / "lib/systemd/system/rotunda.service");
@@ -151,22 +157,100 @@ TEST(Install, PutsEverythingInPlace) {
   EXPECT_EQ(checked.exit_code, 0) << checked.errors;
 }
 
-TEST(Completion, GivesCommandsOptionsAndTheirValues) {
-  const fs::path programs = fs::path(ROTUNDA_COMMAND).parent_path();
+/// What bash would offer for the last of the words, sorted as the script gives them.
+std::string Completed(const std::string& function, std::vector<std::string> words) {
+  const fs::path source = fs::path(ROTUNDA_SOURCE_DIR) / "daemon";
   const std::string script =
-      "PATH=" + programs.string() + ":$PATH; . " + ROTUNDA_SOURCE_DIR +
-      "/daemon/cli/rotunda.bash; "
-      "COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); _rotunda; echo \"${COMPREPLY[*]}\"";
-  const auto complete = [&](std::vector<std::string> words) {
-    words.insert(words.begin(), {"bash", "-c", script, "bash", "rotunda"});
-    const auto said = test::RunProcess(words);
-    EXPECT_EQ(said.exit_code, 0) << said.errors;
-    return said.output;
+      "PATH=" + fs::path(ROTUNDA_COMMAND).parent_path().string() + ":" +
+      fs::path(ROTUNDA_DAEMON).parent_path().string() + ":$PATH\n. " +
+      (source / "cli/rotunda.bash").string() + "; . " + (source / "rotundad.bash").string() +
+      "\nCOMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); " + function + "; echo \"${COMPREPLY[*]}\"";
+  words.insert(words.begin(), {"bash", "-c", script, "bash"});
+  const auto said = test::RunProcess(words);
+  EXPECT_EQ(said.exit_code, 0) << said.errors;
+  EXPECT_EQ(said.errors, "");
+  return said.output.substr(0, said.output.size() - 1);
+}
+
+TEST(Completion, GivesCommandsOptionsAndTheirValues) {
+  const auto complete = [](std::vector<std::string> words) {
+    words.insert(words.begin(), "rotunda");
+    return Completed("_rotunda", words);
   };
-  EXPECT_EQ(complete({"rec"}), "reconstruct\n");
-  EXPECT_EQ(complete({"export", "--for"}), "--format\n");
-  EXPECT_EQ(complete({"export", "--format", "meta"}), "metashape\n");
-  EXPECT_EQ(complete({"nonsense", "--x"}), "\n");
+  EXPECT_EQ(complete({"rec"}), "reconstruct");
+  EXPECT_EQ(complete({"--v"}), "--version");
+  EXPECT_EQ(complete({"board", ""}), "draw");
+  EXPECT_EQ(complete({"board", "draw", "--format", ""}), "pdf svg");
+  EXPECT_EQ(complete({"export", "--for"}), "--format");
+  EXPECT_EQ(complete({"export", "--format", "meta"}), "metashape");
+  EXPECT_EQ(complete({"export", "--format", "=", "meta"}), "metashape");
+  EXPECT_EQ(complete({"export", "--format", "ply", ""}), "") << "it has its value";
+  EXPECT_EQ(complete({"nonsense", "--x"}), "");
+  EXPECT_EQ(complete({"nonsense", ""}), "");
+  EXPECT_EQ(Completed("_rotundad", {"rotundad", "--c"}), "--config --check-config");
+}
+
+/// A daemon of which it is known what it has; the command asks it.
+class CompletionOfIds : public testing::Test {
+ protected:
+  void SetUp() override {
+    const auto notify = std::make_unique<test::NotifySocket>(folder_ / "notify");
+    for (const char* id : {"a1", "a2"}) AddCapture(id);
+    AddCalibration("k1");
+    std::ofstream(folder_ / "capture.toml")
+        << "[uplinks.u]\n[cameras.c0]\nserial = \"NONE\"\naddress = \"127.42.11.1\"\n";
+    std::ofstream(folder_ / "rotundad.toml")
+        << "[service]\nsocket = \"" << (folder_ / "api.sock").string() << "\"\nstate_folder = \""
+        << (folder_ / "state").string() << "\"\n[devices]\nboard = \"" << ROTUNDA_SOURCE_DIR
+        << "/config/cuboid.toml\"\nsimulated_socket = \"" << (folder_ / "none").string() << "\"\n";
+    daemon_ = std::make_unique<test::BackgroundProcess>(
+        test::BackgroundProcess::Options{{ROTUNDA_DAEMON, "--config", folder_ / "rotundad.toml"},
+                                         {{"NOTIFY_SOCKET", folder_ / "notify"}},
+                                         std::nullopt,
+                                         folder_ / "log"});
+    ASSERT_TRUE(notify->WaitFor("READY=1", std::chrono::seconds(60))) << daemon_->Output();
+  }
+  void AddCapture(const std::string& id) const {
+    FrameSet set;
+    set.id = id;
+    set.captured_at = "2026-01-01T00:00:00Z";
+    set.frames.emplace_back().camera = "c0";
+    set.frames[0].status = "missing";
+    fs::create_directories(folder_ / "state" / "captures" / id);
+    std::ofstream(folder_ / "state" / "captures" / id / "frameset.json") << FrameSetToJson(set);
+  }
+  void AddCalibration(const std::string& id) const {
+    Calibration calibration;
+    calibration.id = id;
+    calibration.created_at = "2026-01-01T00:00:00Z";
+    fs::create_directories(folder_ / "state" / "calibrations" / id);
+    std::ofstream(folder_ / "state" / "calibrations" / id / "calibration.json")
+        << CalibrationToJson(calibration);
+  }
+  std::string Complete(std::vector<std::string> words) const {
+    words.insert(words.begin() + 1, {"--socket", folder_ / "api.sock"});
+    words.insert(words.begin(), "rotunda");
+    return Completed("_rotunda", words);
+  }
+
+  test::TemporaryFolder folder_;
+  std::unique_ptr<test::BackgroundProcess> daemon_;
+};
+
+TEST_F(CompletionOfIds, GivesThoseThatTheDaemonHas) {
+  EXPECT_EQ(Complete({"captures", ""}), "a2 a1");
+  EXPECT_EQ(Complete({"captures", "--json", "a2"}), "a2") << "behind a flag";
+  EXPECT_EQ(Complete({"calibrations", ""}), "k1");
+  EXPECT_EQ(Complete({"calibrations", "--from", ""}), "a2 a1");
+  EXPECT_EQ(Complete({"calibrations", "--from", "a1", ""}), "a2 a1") << "it takes several";
+  EXPECT_EQ(Complete({"calibrations", "--from", "a1", "--compare", ""}), "k1");
+  EXPECT_EQ(Complete({"captures", "a1", "--reconstruct", "--calibration", "k"}), "k1");
+  EXPECT_EQ(Complete({"jobs", ""}), "");
+  ASSERT_EQ(test::RunProcess({"curl", "-s", "--unix-socket", folder_ / "api.sock", "-X", "POST",
+                              "http://localhost/v1/captures/a1/reconstructions"})
+                .exit_code,
+            0);
+  EXPECT_EQ(Complete({"jobs", ""}), "1");
 }
 
 }  // namespace

@@ -50,7 +50,7 @@ quietly inside dpkg --install /tmp/rotunda.deb
 step "files"
 for file in /usr/bin/rotunda /usr/sbin/rotundad /lib/systemd/system/rotunda.service /lib/systemd/system/rotunda.socket \
   /usr/lib/sysusers.d/rotunda.conf /usr/lib/tmpfiles.d/rotunda.conf /usr/lib/udev/rules.d/60-rotunda-gpio.rules \
-  /usr/lib/sysctl.d/60-rotunda.conf /usr/share/bash-completion/completions/rotunda /usr/share/rotunda/rig-90.toml \
+  /usr/lib/sysctl.d/60-rotunda.conf /usr/share/bash-completion/completions/rotunda /usr/share/bash-completion/completions/rotundad /usr/share/rotunda/rig-90.toml \
   /usr/share/doc/rotunda/copyright /etc/rotunda/rotundad.toml /etc/rotunda/capture.toml /etc/rotunda/cuboid.toml; do
   [ -s "$root$file" ] || fail "$file is missing"
 done
@@ -63,6 +63,7 @@ step "programs and configuration"
 quietly inside rotunda --help
 quietly inside rotundad --check-config
 quietly inside bash -n /usr/share/bash-completion/completions/rotunda
+quietly inside bash -n /usr/share/bash-completion/completions/rotundad
 
 step "users and folders"
 inside getent passwd rotunda >/dev/null || fail "there is no user rotunda"
