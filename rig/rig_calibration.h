@@ -26,6 +26,8 @@ struct RigCalibrationOptions {
   /// of its pictures.
   double max_wrong_corners = 0.5;
   double max_wrong_pictures = 0.3;
+  /// When corners fit worse, a shot that disagrees with all others is looked for, and left out.
+  double max_rms_px = 1;
   /// A camera with fewer corners is not calibrated.
   size_t min_camera_corners = 24;
 };
@@ -41,7 +43,7 @@ bool IsLeftOut(const std::vector<DroppedPicture>& dropped, const FaceView& view)
 /// Everything a calibration found. Indices are those of BoardSightings and Board.
 struct RigCalibration {
   RigModel model;               // in the rig frame
-  std::vector<FaceView> found;  // all corners of usable pictures
+  std::vector<FaceView> found;  // all corners of usable pictures, without repeated ones
   std::vector<FaceView> kept;   // those that the result stands on
   double noise = 0;             // of the corners, in units of their sigma_px
   RigUncertainty uncertainty;   // with that noise
@@ -62,18 +64,19 @@ struct RigCalibration {
 Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration& other,
                    size_t least);
 
-/// kBadInput unless these cameras' lenses can be taken from `from`: all are in it, with the same
-/// serial numbers and, where it is known, size of pictures. The context is the camera.
+/// kBadInput unless these cameras' lenses can be taken from `from`: one is in it, and all that are
+/// have the same serial numbers and, where it is known, size of pictures. The context is the
+/// camera.
 Status CheckKeptLenses(const std::vector<SightedCamera>& cameras, const Calibration& from);
 
 /// kBadInput unless the shot that the rig frame is to hang on is among `shots`; the context is the
-/// key of the board file.
+/// key of the board file. Of no concern where the frame is an earlier calibration's.
 Status CheckFrameShot(const std::vector<BoardShot>& shots, const RigFrameSetting& setting);
 
 /// Joint adjustment of all cameras, shots and faces: start, robust rounds, whole pictures and shots
 /// that do not fit taken out, then corners beyond the threshold that the noise itself gives, until
-/// the set stays the same. Errors name what is missing or was given twice. The stages reported are
-/// "start" and "adjustment".
+/// the set stays the same. Pictures that a camera sent twice count once. Errors name what is
+/// missing and shots given twice. The stages reported are "start" and "adjustment".
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
                                     const RigCalibrationOptions& options, RunContext& context);
 

@@ -186,8 +186,29 @@ TEST(CalibrateCommand, WhatCannotBeWrittenIsRefusedBeforeTheWork) {
     EXPECT_NE(twice.find("is also what --out names"), std::string::npos) << twice;
   }
   const std::string board = errors(kCuboid, folder / "page.html");
-  EXPECT_NE(board.find("is the board file"), std::string::npos) << board;
+  EXPECT_NE(board.find("--out: " + kCuboid.string() + ": is also what --board names"),
+            std::string::npos)
+      << board;
   EXPECT_TRUE(fs::is_empty(folder.path()));
+}
+
+TEST(CalibrateCommand, EarlierCalibrationsAreNotWrittenOver) {
+  const TemporaryFolder folder;
+  for (const char* file : {"c.json", "d.json"}) std::ofstream(folder / file) << "{}";
+  for (const std::string option : {"--fix-intrinsics-from", "--frame-from", "--compare"}) {
+    for (const std::string output : {"--out", "--report"}) {
+      const fs::path other = folder / (output == "--out" ? "page.html" : "new.json");
+      const ProcessOutcome refused =
+          RunProcess({ROTUNDA_COMMAND, "calibrate", folder / "no shots", "--board", kCuboid, option,
+                      folder / "c.json", output, folder / "." / "c.json",
+                      output == "--out" ? "--report" : "--out", other});
+      EXPECT_EQ(refused.exit_code, 1) << refused.output;
+      EXPECT_NE(refused.errors.find("is also what " + option + " names, which would be lost"),
+                std::string::npos)
+          << refused.errors;
+    }
+  }
+  EXPECT_EQ(TextOf(folder / "c.json"), "{}");
 }
 
 TEST(CalibrateCommand, PicturesTooSmallToBeReadSayHowLargeTheyMustBe) {
