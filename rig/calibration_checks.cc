@@ -5,6 +5,7 @@
 #include <cmath>
 #include <set>
 
+#include "rig/picture_misfits.h"
 #include "rig/short_number.h"
 
 namespace rotunda::rig {

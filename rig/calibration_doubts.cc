@@ -104,12 +104,21 @@ double HalfSplitLimit(size_t cameras, const CalibrationDoubtOptions& options) {
                   std::sqrt(ChiSquareLimit(freedom, options.half_split_chance) / freedom));
 }
 
+/// Several shots that do not fit together put the faces anywhere: that is not the drawing's fault.
+bool ShotsDisagree(const Board& board, const RigCalibration& result,
+                   const CalibrationDoubtOptions& options) {
+  const auto& shots = result.model.rig_from_board;
+  return std::count_if(shots.begin(), shots.end(), [](const auto& s) { return s.has_value(); }) >
+             1 &&
+         !result.drawing_refused && ResidualRms_px(ShapeOf(board), result) > options.max_rms_px;
+}
+
 }  // namespace
 
 std::string DoubtOnBoard(const Board& board, const BoardSightings& sightings,
                          const RigCalibration* result, const CalibrationDoubtOptions& options) {
   std::string why;
-  if (result != nullptr) {
+  if (result != nullptr && !ShotsDisagree(board, *result, options)) {
     const OffDrawing off = FacesOffDrawing(board, *result);
     if (result->drawing_refused || off.sigmas > options.max_off_drawing) {
       why = "its faces do not stand as it draws them (face '" + off.face + "' is " +

@@ -117,9 +117,9 @@ Result<Calibration> CalibrateHalf(const Division& division, size_t which, RunCon
   RigCalibration half;
   half.model = SeenIn(views, result.model, RigCalibrationOptions().min_camera_corners);
   ROTUNDA_ASSIGN_OR_RETURN(half.model, Readjust(problem, views, result.free, half.model, context));
-  ROTUNDA_ASSIGN_OR_RETURN(half.uncertainty,
-                           BuildUncertainty(problem, WithNoise(views, result.noise), half.model,
-                                            {result.free, result.held_intrinsics}, context));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      half.uncertainty, BuildUncertainty(problem, WithNoise(views, result.camera_noise), half.model,
+                                         {result.free, result.held_intrinsics}, context));
   Calibration calibration;
   for (size_t c = 0; c < half.model.cam_from_rig.size(); ++c) {
     if (!half.model.cam_from_rig[c] || !half.uncertainty.cameras[c]) continue;

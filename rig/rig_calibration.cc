@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "rig/calibration_comparison.h"
+#include "rig/picture_misfits.h"
 #include "rig/short_number.h"
 
 namespace rotunda::rig {
@@ -155,129 +156,6 @@ Status AdjustRobustly(const RigProblem& problem, const std::vector<FaceView>& vi
     }
   }
   return {};
-}
-
-/// A threshold that `lost` of `count` normal deviates in the plane exceed: exp(-t^2 / 2) = share.
-double ThresholdSigmas(size_t count, double lost) {
-  return std::sqrt(2.0 * std::log(std::max(3.0, static_cast<double>(count) / lost)));
-}
-
-/// How many of a view's corners are beyond `limit` sigmas.
-size_t WrongCorners(const RigModel& model, const BoardShape& shape, const FaceView& view,
-                    double limit) {
-  const auto residuals = Residuals_px(model, shape, view);
-  size_t wrong = 0;
-  for (size_t i = 0; i < residuals.size(); ++i) {
-    wrong += residuals[i].norm() > limit * view.corners[i].sigma_px;
-  }
-  return wrong;
-}
-
-/// The pictures of one shot.
-struct ShotFit {
-  size_t pictures = 0;
-  std::vector<size_t> wrong;  // cameras whose picture does not fit
-};
-
-/// Judges pictures by how many of their corners are beyond a limit (in sigmas).
-class PictureFits {
- public:
-  PictureFits(const RigModel& model, const BoardShape& shape, const std::vector<FaceView>& views,
-              double limit)
-      : model_(model), shape_(shape), views_(views), limit_(limit) {}
-
-  /// By shot; a picture is wrong with more than `max_wrong` of its corners beyond the limit.
-  std::map<size_t, ShotFit> ByShot(double max_wrong) const {
-    std::map<std::pair<size_t, size_t>, Corners> pictures;  // by shot and camera
-    for (const FaceView& view : views_) {
-      if (model_.Has(view)) Add(model_, view, pictures[{view.shot, view.camera}]);
-    }
-    std::map<size_t, ShotFit> shots;
-    for (const auto& [place, corners] : pictures) {
-      ShotFit& shot = shots[place.first];
-      ++shot.pictures;
-      if (corners.Share() > max_wrong) shot.wrong.push_back(place.second);
-    }
-    return shots;
-  }
-
-  /// Whether camera `a`'s picture of the shot would fit as one of camera `b`.
-  bool FitsAs(size_t shot, size_t a, size_t b) const {
-    RigModel exchanged = model_;
-    exchanged.cam_from_rig[a] = model_.cam_from_rig[b];
-    exchanged.intrinsics[a] = model_.intrinsics[b];
-    Corners corners;
-    for (const FaceView& view : views_) {
-      if (view.camera == a && view.shot == shot) Add(exchanged, view, corners);
-    }
-    return 2 * corners.wrong < corners.all;
-  }
-
- private:
-  struct Corners {
-    size_t all = 0, wrong = 0;
-    double Share() const { return static_cast<double>(wrong) / static_cast<double>(all); }
-  };
-  void Add(const RigModel& model, const FaceView& view, Corners& corners) const {
-    corners.all += view.corners.size();
-    corners.wrong += WrongCorners(model, shape_, view, limit_);
-  }
-
-  const RigModel& model_;
-  const BoardShape& shape_;
-  const std::vector<FaceView>& views_;
-  double limit_;
-};
-
-/// Of a picture that does not fit; `wrong`: all cameras whose pictures of the shot do not.
-std::string WhyMisfit(const BoardSightings& sightings, const PictureFits& fits,
-                      const DroppedPicture& picture, const std::vector<size_t>& wrong) {
-  std::string reason =
-      "does not fit the other cameras' pictures of this shot: it was taken at another moment, or "
-      "is not this camera's";
-  for (const size_t other : wrong) {
-    if (other != *picture.camera && fits.FitsAs(picture.shot, *picture.camera, other)) {
-      reason = "is the picture of " + sightings.cameras[other].camera +
-               ": the two cameras are swapped in this shot";
-    }
-  }
-  return reason;
-}
-
-/// Pictures and shots most of whose corners do not fit.
-std::vector<DroppedPicture> FindMisfits(const BoardSightings& sightings,
-                                        const std::vector<FaceView>& views, const BoardShape& shape,
-                                        const RigCalibration& result,
-                                        const RigCalibrationOptions& options) {
-  const double limit = NoiseScale(result.model, shape, views) *
-                       ThresholdSigmas(CornerCount(views), options.lost_corners);
-  const PictureFits fits(result.model, shape, views, limit);
-  std::vector<DroppedPicture> dropped;
-  for (const auto& [shot, fit] : fits.ByShot(options.max_wrong_corners)) {
-    const auto share = static_cast<double>(fit.wrong.size()) / static_cast<double>(fit.pictures);
-    if (fit.wrong.size() >= 2 && share > options.max_wrong_pictures) {
-      dropped.push_back(
-          {shot, std::nullopt,
-           std::to_string(fit.wrong.size()) + " of " + std::to_string(fit.pictures) +
-               " pictures do not fit together: the board moved while the shot was "
-               "taken, or pictures of different moments or rigs are mixed; take it again"});
-      continue;
-    }
-    for (const size_t camera : fit.wrong) {
-      DroppedPicture& picture = dropped.emplace_back(DroppedPicture{shot, camera, ""});
-      picture.reason = WhyMisfit(sightings, fits, picture, fit.wrong);
-    }
-  }
-  return dropped;
-}
-
-std::vector<FaceView> Without(const std::vector<FaceView>& views,
-                              const std::vector<DroppedPicture>& dropped) {
-  std::vector<FaceView> rest;
-  for (const FaceView& view : views) {
-    if (!IsLeftOut(dropped, view)) rest.push_back(view);
-  }
-  return rest;
 }
 
 /// Views of posed cameras and shots, with the corners within `limit` sigmas.
@@ -450,70 +328,6 @@ Status CheckSightings(const BoardSightings& sightings, const std::vector<FaceVie
                ""};
 }
 
-bool SameCorners(const FaceView& a, const FaceView& b) {
-  return std::equal(a.corners.begin(), a.corners.end(), b.corners.begin(), b.corners.end(),
-                    [](const SeenCorner& one, const SeenCorner& other) {
-                      return one.corner == other.corner && one.pixel == other.pixel;
-                    });
-}
-
-/// Of two shots: who has a picture with corners in both, and in whose pictures they are the same.
-struct ShotPair {
-  std::set<size_t> both, same;  // cameras
-};
-
-/// By earlier and later shot; pairs without a camera in common are left out.
-std::map<std::pair<size_t, size_t>, ShotPair> PairShots(const std::vector<FaceView>& views) {
-  std::map<std::pair<size_t, size_t>, ShotPair> pairs;
-  std::map<size_t, std::vector<const FaceView*>> by_camera;
-  for (const FaceView& view : views) by_camera[view.camera].push_back(&view);
-  for (const auto& [camera, own] : by_camera) {
-    for (const FaceView* a : own) {
-      for (const FaceView* b : own) {
-        if (a->shot >= b->shot) continue;
-        ShotPair& pair = pairs[{a->shot, b->shot}];
-        pair.both.insert(camera);
-        if (a->face == b->face && SameCorners(*a, *b)) pair.same.insert(camera);
-      }
-    }
-  }
-  return pairs;
-}
-
-Error GivenTwice(const BoardSightings& sightings, size_t first, size_t second,
-                 const ShotPair& pair) {
-  const BoardShot &a = sightings.shots[first], &b = sightings.shots[second];
-  return {ErrorCode::kBadInput,
-          "has the same pictures as shot '" + a.id + "' (" + a.folder.string() + "), of " +
-              std::to_string(pair.same.size()) + " of " + std::to_string(pair.both.size()) +
-              " cameras (the first: " + sightings.cameras[*pair.same.begin()].camera +
-              "): give every shot once, it would count as two",
-          "shot '" + b.id + "' (" + b.folder.string() + ")"};
-}
-
-/// A picture's noise never comes twice. Shots most of whose cameras have a face in common to the
-/// last bit are one shot: an error. A single camera that does has sent an earlier frame again: that
-/// picture is to be left out.
-Result<std::vector<DroppedPicture>> FindRepeats(const BoardSightings& sightings,
-                                                const std::vector<FaceView>& views) {
-  std::map<std::pair<size_t, size_t>, size_t> first;  // by later shot and camera
-  for (const auto& [shots, pair] : PairShots(views)) {
-    if (2 * pair.same.size() > pair.both.size()) {
-      return GivenTwice(sightings, shots.first, shots.second, pair);
-    }
-    for (const size_t camera : pair.same)
-      first.emplace(std::pair(shots.second, camera), shots.first);
-  }
-  std::vector<DroppedPicture> repeats;
-  for (const auto& [place, earlier] : first) {
-    repeats.push_back({place.first, place.second,
-                       "is the same picture as its one in " + sightings.shots[earlier].id +
-                           ", to the last bit: the camera sent an old frame again, or the file was "
-                           "copied"});
-  }
-  return repeats;
-}
-
 Calibration AsCalibration(const RigCalibration& result, const BoardSightings& sightings) {
   Calibration calibration;
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
@@ -528,10 +342,31 @@ Calibration AsCalibration(const RigCalibration& result, const BoardSightings& si
   return calibration;
 }
 
+/// The rig's noise, or a camera's own where its corners scatter much more: a lens out of focus.
+std::vector<double> CameraNoise(const BoardShape& shape, const RigCalibration& result) {
+  constexpr double kOwn = 1.5;  // times the rig's; chance makes 1.3 of 24 corners
+  const size_t cameras = result.model.cam_from_rig.size();
+  std::vector<double> squares(cameras, 0), count(cameras, 0);
+  for (const FaceView& view : result.kept) {
+    const auto residuals = Residuals_px(result.model, shape, view);
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      squares[view.camera] += residuals[i].squaredNorm() / std::pow(view.corners[i].sigma_px, 2);
+      count[view.camera] += 2;
+    }
+  }
+  std::vector<double> noise(cameras, result.noise);
+  for (size_t c = 0; c < cameras; ++c) {
+    if (count[c] == 0) continue;
+    const double own = std::sqrt(squares[c] / count[c]);
+    if (own > kOwn * result.noise) noise[c] = own;
+  }
+  return noise;
+}
+
 /// With the noise of the kept corners. The error names the cameras that are not determined.
 Result<RigUncertainty> UncertaintyOf(const RigProblem& problem, const BoardSightings& sightings,
                                      const RigCalibration& result, RunContext& context) {
-  const std::vector<FaceView> views = WithNoise(result.kept, result.noise);
+  const std::vector<FaceView> views = WithNoise(result.kept, result.camera_noise);
   Result<RigUncertainty> uncertainty = BuildUncertainty(
       problem, views, result.model, {result.free, result.held_intrinsics}, context);
   if (uncertainty || uncertainty.error().code != ErrorCode::kFailed) return uncertainty;
@@ -639,17 +474,6 @@ Status SolveFrom(const SolveTask& task, RigCalibration& result, RunContext& cont
   return AdjustFinally(problem, Without(views, result.dropped), task.options, result, context);
 }
 
-/// Of the kept corners.
-double ResidualRms_px(const BoardShape& shape, const RigCalibration& result) {
-  double squares = 0;
-  for (const FaceView& view : result.kept) {
-    for (const Eigen::Vector2d& residual : Residuals_px(result.model, shape, view)) {
-      squares += residual.squaredNorm();
-    }
-  }
-  return std::sqrt(squares / static_cast<double>(CornerCount(result.kept)));
-}
-
 std::string OddShotText(double with_px, double without_px) {
   return "it does not agree with the other shots: corners fit to " + Number(with_px, "%.2f px") +
          " with it and to " + Number(without_px, "%.2f px") +
@@ -700,6 +524,16 @@ Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>
   return adjusted;
 }
 
+double ResidualRms_px(const BoardShape& shape, const RigCalibration& result) {
+  double squares = 0;
+  for (const FaceView& view : result.kept) {
+    for (const Eigen::Vector2d& residual : Residuals_px(result.model, shape, view)) {
+      squares += residual.squaredNorm();
+    }
+  }
+  return std::sqrt(squares / static_cast<double>(CornerCount(result.kept)));
+}
+
 Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration& other,
                    size_t least) {
   const auto shared = static_cast<size_t>(std::count_if(
@@ -729,12 +563,6 @@ Status CheckFrameShot(const std::vector<BoardShot>& shots, const RigFrameSetting
                "rig_frame.shot"};
 }
 
-bool IsLeftOut(const std::vector<DroppedPicture>& dropped, const FaceView& view) {
-  return std::any_of(dropped.begin(), dropped.end(), [&](const DroppedPicture& d) {
-    return d.shot == view.shot && (!d.camera || *d.camera == view.camera);
-  });
-}
-
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
                                     const RigCalibrationOptions& options, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(board.Validate());
@@ -755,13 +583,14 @@ Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& si
   result.held_intrinsics = HeldIntrinsics(sightings, options.intrinsics_from);
   result.priors = PriorsOf(board, options.intrinsics_from);
   const SolveTask task = {board, ShapeOf(board), sightings, known, options};
-  RigCalibration untouched = result;
+  const RigCalibration untouched = result;
   ROTUNDA_RETURN_IF_ERROR(SolveFrom(task, result, context));
   if (ResidualRms_px(task.shape, result) > options.max_rms_px) {
     ROTUNDA_RETURN_IF_ERROR(LeaveOutOddShot(task, untouched, result, context));
   }
   const RigProblem problem = {board, task.shape, result.priors};
   result.noise = std::sqrt(NoiseVariance(problem, result.kept, result.model, result.free));
+  result.camera_noise = CameraNoise(task.shape, result);
   ROTUNDA_ASSIGN_OR_RETURN(result.uncertainty, UncertaintyOf(problem, sightings, result, context));
   ExplainMissing(sightings, static_cast<size_t>(options.start.min_corners), result);
   for (const size_t camera : unknown) {

@@ -38,7 +38,6 @@ struct DroppedPicture {
   std::optional<size_t> camera;  // nullopt: the whole shot
   std::string reason;
 };
-bool IsLeftOut(const std::vector<DroppedPicture>& dropped, const FaceView& view);
 
 /// Everything a calibration found. Indices are those of BoardSightings and Board.
 struct RigCalibration {
@@ -46,7 +45,9 @@ struct RigCalibration {
   std::vector<FaceView> found;  // all corners of usable pictures, without repeated ones
   std::vector<FaceView> kept;   // those that the result stands on
   double noise = 0;             // of the corners, in units of their sigma_px
-  RigUncertainty uncertainty;   // with that noise
+  /// By camera: that noise, or the camera's own where its corners scatter much more.
+  std::vector<double> camera_noise;
+  RigUncertainty uncertainty;  // with the cameras' noise
   FreeUnknowns free;
   std::vector<std::string> camera_problem;  // by camera; empty when it is calibrated
   std::vector<std::string> shot_problem;    // by shot; empty when it was used
@@ -59,6 +60,9 @@ struct RigCalibration {
   /// The faces stand otherwise than the board file draws them: they were found from the pictures.
   bool drawing_refused = false;
 };
+
+/// Root of the mean squared distance of the kept corners.
+double ResidualRms_px(const BoardShape& shape, const RigCalibration& result);
 
 /// kBadInput unless `other` has at least `least` of the cameras: known before anything is solved.
 Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration& other,

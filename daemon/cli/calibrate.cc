@@ -288,9 +288,11 @@ Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& commo
 /// Options that name an earlier calibration.
 void AddEarlier(CLI::App* command, CalibrateArguments& arguments) {
   command
-      ->add_option("--fix-intrinsics-from", arguments.intrinsics_from,
-                   "Keep the lenses of this calibration, its rig frame and the target as it was "
-                   "found then: one shot is enough. The board file must be of the same target")
+      ->add_option(
+          "--fix-intrinsics-from", arguments.intrinsics_from,
+          "Keep the lenses of this calibration, its rig frame and the target as it was "
+          "found then: one shot is enough. The board file must be of the same target; cameras that "
+          "it does not have are left out")
       ->type_name("FILE");
   command
       ->add_option("--frame-from", arguments.frame_from,

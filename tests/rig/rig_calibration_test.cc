@@ -450,6 +450,31 @@ TEST(RigCalibration, ACameraWithoutAKeptLensIsLeftOutByName) {
   EXPECT_EQ(AsFile(world, *result).cameras.size(), 29u);
 }
 
+TEST(RigCalibration, ACameraOutOfFocusIsLessSure) {
+  ProjectedRig world = ProjectCorners(SmallRig(15));
+  const auto sharp = Calibrate(world);
+  ASSERT_TRUE(sharp.ok()) << sharp.error().ToString();
+  constexpr double kWorse = 3;
+  // The rig's outlier threshold, 4.5 sigmas, is 1.5 of that camera's: a third of its corners is
+  // cut, the others scatter 2.0 times as much.
+  constexpr double kLessSure = 2.47;
+  ProjectedOptions blurred = SmallRig(15);
+  blurred.noise_px *= kWorse;
+  const ProjectedRig other = ProjectCorners(blurred);
+  for (size_t s = 0; s < world.sightings.shots.size(); ++s) {
+    auto& corners = world.sightings.sightings[s][7].detection->corners;
+    corners = other.sightings.sightings[s][7].detection->corners;
+    for (BoardCorner& corner : corners) corner.sigma_px /= kWorse;  // the detector does not know
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  for (size_t c = 0; c < 30; ++c) {
+    const double ratio = result->uncertainty.cameras[c]->sigma.position_mm /
+                         sharp->uncertainty.cameras[c]->sigma.position_mm;
+    EXPECT_NEAR(ratio, c == 7 ? kLessSure : 1, 0.15) << c;
+  }
+}
+
 /// Takes what camera `c` sees below `most_px`.
 void HideBelow(ProjectedRig& world, size_t c, double most_px) {
   for (auto& row : world.sightings.sightings) {
@@ -717,6 +742,22 @@ TEST(CalibrationDoubts, ADrawingThatThePicturesContradictIsTheBoardFiles) {
   ASSERT_TRUE(refused.ok());
   ASSERT_TRUE(refused->drawing_refused);
   EXPECT_NE(DoubtOnBoard(turned.board, turned.sightings, &*refused, {}), "");
+}
+
+TEST(CalibrationDoubts, ShotsOfTwoRigsAreNotTheBoardFilesFault) {
+  ProjectedOptions options = FewCameras(1);
+  options.cameras = 8;
+  options.shots = 2;
+  ProjectedRig world = ProjectCorners(options);
+  options.rig_seed = 2;
+  world.sightings.sightings[1] = ProjectCorners(options).sightings.sightings[1];
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  EXPECT_EQ(DoubtOnBoard(world.board, world.sightings, &*result, {}), "");
+  const Checked whole = Check(world, *result);
+  const auto doubts = DoubtsOnFit(whole.file, whole.checks, nullptr, {});
+  ASSERT_TRUE(AnyStartsWith(doubts, "the corners fit no better than"));
+  EXPECT_NE(doubts[0].find("are all shots of one rig"), std::string::npos) << doubts[0];
 }
 
 TEST(CalibrationDoubts, MisplacedMarkersOfMostCamerasAreTheBoardFilesOfFewTheCameras) {

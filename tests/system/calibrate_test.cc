@@ -158,6 +158,26 @@ TEST(CalibrateCommand, CalibratesReportsAndRecalibratesFromOneShot) {
       << doubted.output;
   EXPECT_NE(TextOf(folder / "doubted.html").find("is probably not this target"), std::string::npos);
 
+  // No room for the page: the calibration is not lost, and where it is is told.
+  const fs::path disk = folder / "disk";
+  fs::create_directory(disk);
+  const auto on_small_disk = [&](const std::string& command) {
+    return RunProcess({"unshare", "--user", "--map-root-user", "--mount", "sh", "-c",
+                       "mount -t tmpfs -o size=16k tmpfs " + disk.string() + " && " + command});
+  };
+  if (on_small_disk("true").exit_code == 0) {
+    const ProcessOutcome full = on_small_disk(
+        std::string(ROTUNDA_COMMAND) + " calibrate " + shot(3).string() + " --board " +
+        kCuboid.string() + " --out " + (folder / "kept.json").string() + " --report " +
+        (disk / "page.html").string() + " --fix-intrinsics-from " + whole.string());
+    EXPECT_EQ(full.exit_code, 1);
+    EXPECT_NE(full.errors.find("No space left on device; the calibration itself is whole in " +
+                               (folder / "kept.json").string()),
+              std::string::npos)
+        << full.errors;
+    EXPECT_EQ(TextOf(folder / "kept.json"), TextOf(folder / "daily.json"));
+  }
+
   ASSERT_EQ(calibrate_with(squares, folder / "larger.json").exit_code, 0);
   const ProcessOutcome larger =
       RunProcess({ROTUNDA_COMMAND, "compare", whole, folder / "larger.json"});
