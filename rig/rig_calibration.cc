@@ -475,8 +475,8 @@ Status SolveFrom(const SolveTask& task, RigCalibration& result, RunContext& cont
 }
 
 std::string OddShotText(double with_px, double without_px) {
-  return "it does not agree with the other shots: corners fit to " + Number(with_px, "%.2f px") +
-         " with it and to " + Number(without_px, "%.2f px") +
+  return "it does not agree with the other shots: corners fit to " + Number(with_px, "%.3f px") +
+         " with it and to " + Number(without_px, "%.3f px") +
          " without; is it of another rig or another target, or were cameras moved or exchanged "
          "between the shots?";
 }
