@@ -6,6 +6,7 @@
 
 #include "daemon/http_problem.h"
 #include "daemon/store.h"
+#include "sfm/core/name_list.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -51,12 +52,6 @@ std::optional<std::map<std::string, std::string>> Fit(const Route& route,
   return values;
 }
 
-std::string Listed(const std::vector<std::string>& words) {
-  std::string list;
-  for (const std::string& word : words) list += (list.empty() ? "" : ", ") + word;
-  return list;
-}
-
 /// What is wrong with the query; empty when nothing is.
 std::string QueryProblem(const Route& route, const std::map<std::string, std::string>& query) {
   for (const auto& [key, value] : query) {
@@ -66,17 +61,17 @@ std::string QueryProblem(const Route& route, const std::map<std::string, std::st
       std::vector<std::string> names;
       for (const QueryParameter& parameter : route.query) names.push_back(parameter.name);
       return "query: '" + key + "' is not known; " +
-             (names.empty() ? "none is taken here" : "allowed are " + Listed(names));
+             (names.empty() ? "none is taken here" : "allowed are " + Joined(names));
     }
     const std::vector<std::string>& choices = known->choices;
     if (!choices.empty() && std::find(choices.begin(), choices.end(), value) == choices.end()) {
-      return "query: " + key + " is '" + value + "', expected one of " + Listed(choices);
+      return "query: " + key + " is '" + value + "', expected one of " + Joined(choices);
     }
   }
   for (const QueryParameter& parameter : route.query) {
     if (parameter.required && !query.contains(parameter.name)) {
       return "query: " + parameter.name + " is missing" +
-             (parameter.choices.empty() ? "" : ", expected one of " + Listed(parameter.choices));
+             (parameter.choices.empty() ? "" : ", expected one of " + Joined(parameter.choices));
     }
   }
   return "";
@@ -120,8 +115,8 @@ HttpResponse Router::Handle(const HttpRequest& request) const {
   }
   if (route == nullptr) {
     HttpResponse response =
-        Problem(405, request.method + " is not served there, only " + Listed(allowed));
-    response.headers.emplace_back("Allow", Listed(allowed));
+        Problem(405, request.method + " is not served there, only " + Joined(allowed));
+    response.headers.emplace_back("Allow", Joined(allowed));
     return response;
   }
   if (request.peer.role < route->role) return Forbidden(*route, request.peer);

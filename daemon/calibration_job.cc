@@ -12,6 +12,7 @@
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "rig/board.h"
+#include "rig/calibration_doubts.h"
 #include "rig/calibration_report.h"
 #include "rig/calibration_result.h"
 #include "sfm/core/file_io.h"
@@ -34,15 +35,6 @@ std::string NewestShot(const rig::BoardSightings& sightings) {
   return newest;
 }
 
-/// "c00r5, c01r5 and c02r5".
-std::string Listed(const std::vector<std::string>& names) {
-  std::string text = names[0];
-  for (size_t i = 1; i < names.size(); ++i) {
-    text += (i + 1 == names.size() ? " and " : ", ") + names[i];
-  }
-  return text;
-}
-
 /// What to do for better coverage, once for all cameras to whom it applies.
 std::vector<std::string> Advice(const rig::BoardSightings& sightings,
                                 const std::vector<rig::CameraCheck>& checks) {
@@ -53,8 +45,32 @@ std::vector<std::string> Advice(const rig::BoardSightings& sightings,
     }
   }
   std::vector<std::string> lines;
-  for (const auto& [advice, names] : cameras) lines.push_back(Listed(names) + ": " + advice);
+  for (const auto& [advice, names] : cameras) lines.push_back(Joined(names) + ": " + advice);
   return lines;
+}
+
+/// Pictures that are there and cannot be used, by kind of reason ("cannot be read: ...").
+void AddDamaged(const rig::BoardSightings& sightings, std::vector<std::string>& notes) {
+  struct Damage {
+    std::vector<std::string> pictures;
+    std::string reason;  // of the first
+  };
+  std::map<std::string, Damage> kinds;
+  for (size_t s = 0; s < sightings.shots.size(); ++s) {
+    for (size_t c = 0; c < sightings.cameras.size(); ++c) {
+      const rig::BoardSighting& sighting = sightings.sightings[s][c];
+      if (sighting.picture.empty() || sighting.detection) continue;
+      Damage& damage = kinds[sighting.missing.substr(0, sighting.missing.find(':'))];
+      if (damage.pictures.empty()) damage.reason = sighting.missing;
+      damage.pictures.push_back(sightings.cameras[c].camera + " in " + sightings.shots[s].id);
+    }
+  }
+  for (const auto& [kind, damage] : kinds) {
+    notes.push_back(damage.pictures.size() == 1
+                        ? damage.pictures[0] + " was left out: " + damage.reason
+                        : ListOfNames(damage.pictures) + " were left out: " + damage.reason +
+                              " (the first)");
+  }
 }
 
 /// Cameras, shots and pictures that are not in the result. With the board file in doubt, what does
@@ -85,37 +101,74 @@ void AddLeftOut(const rig::BoardSightings& sightings, const rig::RigCalibration&
   }
 }
 
+bool IsOfThisTarget(const CalibrationTask& task, const EarlierCalibration& other) {
+  return rig::CheckSameTarget(task.board, other.calibration, other.name).ok();
+}
+
+/// Faces that no picture shows. One that an earlier calibration found need not be seen again.
+void AddUnseenFaces(const rig::Board& board, const rig::RigCalibration& result,
+                    std::vector<std::string>& notes) {
+  if (!result.free.intrinsics) return;
+  std::vector<std::string> unseen;
+  for (size_t f = 0; f < board.faces.size(); ++f) {
+    if (!result.uncertainty.faces[f]) unseen.push_back("'" + board.faces[f].name + "'");
+  }
+  if (unseen.empty()) return;
+  notes.push_back((unseen.size() == 1 ? "face " : "faces ") + ListOfNames(unseen) +
+                  " of the target: no picture shows enough of it, so where it is was not found and "
+                  "is not in the calibration; if the cameras are to see it, tilt the target or "
+                  "place it lower");
+}
+
 /// The calibration whose cameras this one's should fit as well as.
-const Calibration* Reference(const CalibrationTask& task) {
+const Calibration* Reference(const CalibrationTask& task, const CalibrationOutcome& outcome) {
   if (task.intrinsics_from) return &task.intrinsics_from->calibration;
-  return task.compare ? &task.compare->calibration : nullptr;
+  const bool same = outcome.comparison && IsOfThisTarget(task, *task.compare);
+  return same ? &task.compare->calibration : nullptr;
+}
+
+/// Compares with the earlier calibration. The calibration is made, so whatever is wrong with that
+/// is a note; empty when nothing is.
+std::string CompareWithEarlier(const CalibrationTask& task, CalibrationOutcome& outcome) {
+  if (!task.compare) return "";
+  auto comparison = rig::CompareCalibrations(task.compare->calibration, outcome.calibration, {});
+  if (!comparison) {
+    return "not compared with " + task.compare->name + ": " + comparison.error().ToString();
+  }
+  for (const std::string& camera : comparison->only_before) {
+    const auto& shown = outcome.sightings.cameras;
+    const bool took_part = std::any_of(
+        shown.begin(), shown.end(), [&](const auto& sighted) { return sighted.camera == camera; });
+    if (took_part) comparison->not_calibrated.push_back(camera);
+  }
+  outcome.comparison = *std::move(comparison);
+  const Status same =
+      rig::CheckSameTarget(task.board, task.compare->calibration, task.compare->name);
+  if (same.ok()) return "";
+  return "compared with a calibration of another target: " +
+         same.error().In(task.board_name).ToString();
 }
 
 /// What explains most comes first.
 std::vector<std::string> Notes(const CalibrationTask& task, const CalibrationOutcome& outcome) {
   const rig::RigCalibration& result = outcome.result;
-  std::vector<std::string> notes = task.notes;
+  std::vector<std::string> notes;
   const std::string doubt = rig::DoubtOnBoard(task.board, outcome.sightings, &result, {});
   if (!doubt.empty()) notes.push_back(task.board_name + " " + doubt);
   for (std::string& fit :
-       rig::DoubtsOnFit(outcome.calibration, outcome.checks, Reference(task), {})) {
+       rig::DoubtsOnFit(outcome.calibration, outcome.checks, Reference(task, outcome), {})) {
     notes.push_back(std::move(fit));
   }
   if (!result.frame_problem.empty()) notes.push_back(result.frame_problem);
+  AddDamaged(outcome.sightings, notes);
   AddLeftOut(outcome.sightings, result, !doubt.empty(), notes);
+  AddUnseenFaces(task.board, result, notes);
   if (doubt.empty()) {  // else it would be of cameras with which nothing may be wrong
     for (std::string& advice : Advice(outcome.sightings, outcome.checks)) {
       notes.push_back(std::move(advice));
     }
   }
-  if (task.compare) {
-    const Status same =
-        rig::CheckSameTarget(task.board, task.compare->calibration, task.compare->name);
-    if (!same.ok()) {
-      notes.push_back("compared with a calibration of another target: " +
-                      same.error().In(task.board_name).ToString());
-    }
-  }
+  if (!task.not_compared.empty()) notes.push_back(task.not_compared);
   return notes;
 }
 
@@ -129,9 +182,18 @@ Result<std::optional<EarlierCalibration>> ReadOurs(Store& store,
   return std::optional<EarlierCalibration>({std::move(calibration), record.id});
 }
 
-/// A calibration in force that is broken, or another rig's, must not stand in the way of a new one.
-void AddNotCompared(const Error& why, CalibrationTask& task) {
-  task.notes.push_back("not compared with the calibration in force: " + why.ToString());
+/// The calibration in force, as nobody asked for another. One that cannot be read is a note.
+Status CompareWithActive(Store& store, CalibrationTask& task) {
+  ROTUNDA_ASSIGN_OR_RETURN(const auto active, ActiveCalibration(store));
+  if (!active) return {};
+  auto compare = ReadOurs(store, active->id);
+  if (compare) {
+    task.compare = *std::move(compare);
+  } else {
+    task.not_compared = "not compared with the calibration in force, " + active->id + ": " +
+                        compare.error().ToString();
+  }
+  return {};
 }
 
 Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
@@ -146,19 +208,11 @@ Result<CalibrationTask> TaskOf(Store& store, const CalibrationRequest& request,
   task.model = rig::LensModelsByName().at(request.model);
   ROTUNDA_ASSIGN_OR_RETURN(task.frame_from, ReadOurs(store, request.frame_from));
   ROTUNDA_ASSIGN_OR_RETURN(task.intrinsics_from, ReadOurs(store, request.intrinsics_from));
-  std::optional<std::string> compare = request.compare;
-  task.compare_asked_for = compare.has_value();
-  if (!compare) {
-    ROTUNDA_ASSIGN_OR_RETURN(const auto active, ActiveCalibration(store));
-    if (active) compare = active->id;
-  }
-  Result<std::optional<EarlierCalibration>> earlier = ReadOurs(store, compare);
-  if (earlier) {
-    task.compare = *std::move(earlier);
-  } else if (task.compare_asked_for) {
-    return earlier.error();
+  task.compare_asked_for = request.compare.has_value();
+  if (task.compare_asked_for) {
+    ROTUNDA_ASSIGN_OR_RETURN(task.compare, ReadOurs(store, request.compare));
   } else {
-    AddNotCompared(earlier.error(), task);
+    ROTUNDA_RETURN_IF_ERROR(CompareWithActive(store, task));
   }
   return task;
 }
@@ -170,16 +224,6 @@ Status CheckReference(const rig::ShotPictures& pictures,
   if (!other) return {};
   const Status shared = rig::CheckShared(pictures.cameras, other->calibration, least);
   return shared.ok() ? shared : Status(shared.error().In(use + " " + other->name));
-}
-
-/// Leaves out what nobody asked to be compared with and cannot be.
-CalibrationTask Comparable(CalibrationTask task, const rig::ShotPictures& pictures) {
-  if (task.compare_asked_for) return task;
-  const Status shared = CheckReference(pictures, task.compare, "compare", rig::kMinComparedCameras);
-  if (shared.ok()) return task;
-  AddNotCompared(shared.error(), task);
-  task.compare = std::nullopt;
-  return task;
 }
 
 /// What was kept or is compared with must be of the same target.
@@ -197,13 +241,17 @@ Status CheckKept(const CalibrationTask& task, const std::vector<rig::SightedCame
 
 /// All that can be refused before pictures are read.
 Status CheckTask(const CalibrationTask& task, const rig::ShotPictures& pictures) {
-  const Status frame = rig::CheckFrameShot(pictures.shots, task.board.rig_frame);
-  if (!frame.ok()) return frame.error().In(task.board_name);
-  ROTUNDA_RETURN_IF_ERROR(
-      CheckReference(pictures, task.compare, "compare", rig::kMinComparedCameras));
+  if (!task.frame_from && !task.intrinsics_from) {  // else the frame is an earlier calibration's
+    const Status frame = rig::CheckFrameShot(pictures.shots, task.board.rig_frame);
+    if (!frame.ok()) return frame.error().In(task.board_name);
+  }
+  if (task.compare_asked_for) {
+    ROTUNDA_RETURN_IF_ERROR(
+        CheckReference(pictures, task.compare, "compare", rig::kMinComparedCameras));
+    ROTUNDA_RETURN_IF_ERROR(CheckTarget(task, task.compare));
+  }
   ROTUNDA_RETURN_IF_ERROR(CheckReference(pictures, task.frame_from, "frame_from", 1));
   ROTUNDA_RETURN_IF_ERROR(CheckTarget(task, task.intrinsics_from));
-  if (task.compare_asked_for) ROTUNDA_RETURN_IF_ERROR(CheckTarget(task, task.compare));
   return CheckKept(task, pictures.cameras);
 }
 
@@ -286,10 +334,9 @@ Result<std::string> Run(Store& store, const CalibrationJobOptions& options, cons
 
 }  // namespace
 
-Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& given, RunContext& context) {
+Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& task, RunContext& context) {
   CalibrationOutcome outcome;
-  ROTUNDA_ASSIGN_OR_RETURN(const rig::ShotPictures pictures, rig::FindShots(given.framesets));
-  const CalibrationTask task = Comparable(given, pictures);
+  ROTUNDA_ASSIGN_OR_RETURN(const rig::ShotPictures pictures, rig::FindShots(task.framesets));
   ROTUNDA_RETURN_IF_ERROR(CheckTask(task, pictures));
   ROTUNDA_ASSIGN_OR_RETURN(outcome.sightings, rig::DetectBoards(pictures, task.board, {}, context));
   ROTUNDA_RETURN_IF_ERROR(CheckKept(task, outcome.sightings.cameras));  // sizes are known now
@@ -307,11 +354,9 @@ Result<CalibrationOutcome> MakeCalibration(const CalibrationTask& given, RunCont
       rig::ToCalibration(task.board, outcome.sightings, outcome.result, &outcome.validation);
   calibration.created_at = NewestShot(outcome.sightings);
   if (!calibration.created_at.empty()) calibration.id = CalibrationIdOf(calibration.created_at);
+  const std::string doubtful_comparison = CompareWithEarlier(task, outcome);
   outcome.notes = Notes(task, outcome);
-  if (task.compare) {
-    ROTUNDA_ASSIGN_OR_RETURN(outcome.comparison,
-                             rig::CompareCalibrations(task.compare->calibration, calibration, {}));
-  }
+  if (!doubtful_comparison.empty()) outcome.notes.push_back(doubtful_comparison);
   if (context.Stopped()) return Error{ErrorCode::kCancelled, "interrupted", ""};
   return outcome;
 }

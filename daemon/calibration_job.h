@@ -11,6 +11,7 @@
 #include "rig/board_sightings.h"
 #include "rig/calibration_checks.h"
 #include "rig/calibration_comparison.h"
+#include "rig/cross_validation.h"
 #include "rig/rig_calibration.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/result.h"
@@ -34,10 +35,10 @@ struct CalibrationTask {
   std::optional<EarlierCalibration> intrinsics_from;
   std::optional<EarlierCalibration> frame_from;  // rig frame
   std::optional<EarlierCalibration> compare;     // name the cameras that moved since
-  /// Whether `compare` was asked for: it is refused then when it is of another target or rig, which
-  /// else is a note.
+  /// Whether `compare` was asked for: one of another target or rig is refused then before the work;
+  /// else it makes a note at most.
   bool compare_asked_for = true;
-  std::vector<std::string> notes;  // what the operator is to know before there is an outcome
+  std::string not_compared;  // why there is no `compare` though there should be; a note
 };
 
 struct CalibrationOutcome {

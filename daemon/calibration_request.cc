@@ -1,6 +1,7 @@
 #include "daemon/calibration_request.h"
 
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "daemon/job_request.h"
 #include "daemon/store_calibrations.h"
@@ -26,6 +27,12 @@ void ReadRequestFields(const JsonField& root, CalibrationRequest& request) {
   for (const JsonField& item : root["captures"].Items()) request.captures.push_back(item.String());
   if (request.captures.empty() || request.captures.size() > kMaxShots) {
     root["captures"].Refuse("ids of 1 to " + std::to_string(kMaxShots) + " captures");
+  }
+  std::set<std::string> ids;
+  for (const std::string& id : request.captures) {
+    if (!ids.insert(id).second) {
+      root["captures"].Fail("capture \"" + id + "\" is named twice: it would count as two shots");
+    }
   }
   if (root["model"].present()) request.model = root["model"].String();
   if (!rig::LensModelsByName().contains(request.model)) {

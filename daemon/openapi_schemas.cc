@@ -157,7 +157,7 @@ const char kOpenApiSchemas[] = R"json({
   "description": "Default true"}}, "additionalProperties": false},
  "CalibrationRequest": {"type": "object", "required": ["captures"],
   "properties": {"captures": {"type": "array", "items": {"type": "string"},
-  "description": "Shots of the calibration target"}, "model": {"enum": ["opencv", "opencv5",
+  "description": "Shots of the calibration target, each once"}, "model": {"enum": ["opencv", "opencv5",
   "full-opencv"]}, "frame_from": {"type": "string",
   "description": "Keep the rig frame of this calibration"}, "intrinsics_from": {"type": "string",
   "description": "Keep lenses, frame and target of this calibration; one shot is enough"},

@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <vector>
 
+#include "sfm/core/name_list.h"
+
 namespace rotunda::daemon {
 namespace {
 
@@ -24,12 +26,6 @@ class PriorityFlag : public spdlog::custom_flag_formatter {
     return std::make_unique<PriorityFlag>();
   }
 };
-
-std::string Listed(const std::vector<std::string>& names) {
-  std::string list;
-  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-  return list;
-}
 
 }  // namespace
 
@@ -72,11 +68,11 @@ void LogEvent(spdlog::logger& log, const EventRecord& event) {
 
 void LogRecovery(spdlog::logger& log, const RecoveryReport& report) {
   if (!report.adopted.empty()) {
-    log.warn("found on disk and taken into the database: {}", Listed(report.adopted));
+    log.warn("found on disk and taken into the database: {}", Joined(report.adopted));
   }
-  if (!report.gone.empty()) log.error("their files are gone: {}", Listed(report.gone));
+  if (!report.gone.empty()) log.error("their files are gone: {}", Joined(report.gone));
   if (!report.unreadable.empty()) {
-    log.error("left alone, not what they should be: {}", Listed(report.unreadable));
+    log.error("left alone, not what they should be: {}", Joined(report.unreadable));
   }
   for (const int64_t job : report.interrupted) {
     log.warn("job {} was under way when the daemon died: it is interrupted and can be run again",

@@ -154,9 +154,12 @@ struct PrintChange {
 
 std::optional<PrintChange> FirstChange(const FacePrint& before, const FacePrint& now) {
   constexpr double kSame_mm = 1e-6;  // what a file's decimals and metres make of a length
+  constexpr int kDigits = 9;         // which tells lengths apart that differ by more
   std::optional<PrintChange> first;
   const auto compare = [&](const char* key, const auto& a, const auto& b, bool same) {
     std::ostringstream was, is;
+    was.precision(kDigits);
+    is.precision(kDigits);
     was << std::boolalpha << a;
     is << std::boolalpha << b;
     if (!first && !same) first = PrintChange{key, was.str(), is.str()};

@@ -293,15 +293,40 @@ Result<std::string> WhyFewMarkers(const cv::Mat& grey, const Board& board,
   return std::string();
 }
 
+/// The part with the most and sharpest edges, of at most `most_pixels`: a board is more likely
+/// there than anywhere else.
+cv::Mat BusiestPart(const cv::Mat& grey, double most_pixels) {
+  const double scale = std::sqrt(most_pixels / static_cast<double>(grey.total()));
+  if (scale >= 1) return grey;
+  cv::Mat dx, dy, edges, sums;
+  cv::Sobel(grey, dx, CV_32F, 1, 0);
+  cv::Sobel(grey, dy, CV_32F, 0, 1);
+  cv::magnitude(dx, dy, edges);
+  cv::integral(edges, sums, CV_64F);
+  cv::Rect part(0, 0, static_cast<int>(scale * grey.cols), static_cast<int>(scale * grey.rows));
+  cv::Rect best = part;
+  double most = -1;
+  constexpr int kStep_px = 32;
+  for (part.y = 0; part.br().y <= grey.rows; part.y += kStep_px) {
+    for (part.x = 0; part.br().x <= grey.cols; part.x += kStep_px) {
+      const double sum = sums.at<double>(part.br()) - sums.at<double>(part.y, part.br().x) -
+                         sums.at<double>(part.br().y, part.x) + sums.at<double>(part.tl());
+      if (sum <= most) continue;
+      most = sum;
+      best = part;
+    }
+  }
+  return grey(best);
+}
+
 /// Markers that are there and too small to be read come out when the picture is enlarged: how wide
 /// they are then tells what is missing. Empty: there are no more than the `markers` read before.
 Result<std::string> WhySmall(const cv::Mat& grey, size_t markers, const Board& board,
                              const BoardDetectionOptions& options) {
   constexpr double kEnlarged = 3;
   constexpr double kMostPixels = 1.5e6;  // larger ones would take seconds each
-  if (static_cast<double>(grey.total()) > kMostPixels) return std::string();
   cv::Mat enlarged;
-  cv::resize(grey, enlarged, {}, kEnlarged, kEnlarged, cv::INTER_CUBIC);
+  cv::resize(BusiestPart(grey, kMostPixels), enlarged, {}, kEnlarged, kEnlarged, cv::INTER_CUBIC);
   ROTUNDA_ASSIGN_OR_RETURN(const MarkerChoice choice, FindMarkers(enlarged, board, options));
   if (choice.accepted.size() <= markers) return std::string();
   std::vector<double> sides_px;

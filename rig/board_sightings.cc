@@ -12,6 +12,7 @@
 
 #include "rig/mosaic_detection.h"
 #include "rig/png_check.h"
+#include "sfm/core/checksum.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
 
@@ -41,6 +42,9 @@ Result<GreyPicture> ReadGrey(const ShotPicture& picture) {
   };
   if (bytes.empty()) return damaged("the file is empty, expected a picture");
   if (const std::string problem = PngProblem(bytes); !problem.empty()) return damaged(problem);
+  if (const std::string changed = ChecksumProblem(bytes, picture.xxh3); !changed.empty()) {
+    return damaged(changed);
+  }
   GreyPicture read;
   try {
     const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data()));
@@ -108,14 +112,16 @@ struct LooseShot {
 class ShotCollector {
  public:
   Status AddFrameSet(const fs::path& folder) {
+    ROTUNDA_RETURN_IF_ERROR(AddPlace(folder));
     ROTUNDA_ASSIGN_OR_RETURN(const FrameSet set, ReadFrameSet(folder));
     LooseShot loose{{set.id, folder}, {}};
     for (const Frame& frame : set.frames) {
       ROTUNDA_RETURN_IF_ERROR(
           AddCamera({frame.camera, frame.serial, frame.width_px, frame.height_px}, folder));
-      ShotPicture picture{folder / frame.file, frame.pixel_format, ""};
-      if (frame.status != "ok")
-        picture = {{}, "", "its status in the frame set is " + frame.status};
+      ShotPicture picture{folder / frame.file, frame.pixel_format, frame.xxh3, ""};
+      if (frame.status != "ok") {
+        picture = {.missing = "its status in the frame set is " + frame.status};
+      }
       loose.pictures[frame.camera] = picture;
     }
     shots_.push_back(std::move(loose));
@@ -123,6 +129,7 @@ class ShotCollector {
   }
 
   Status AddCameraFolders(const fs::path& folder, const std::vector<fs::path>& cameras) {
+    ROTUNDA_RETURN_IF_ERROR(AddPlace(folder));
     std::vector<std::vector<std::string>> pictures;
     for (const fs::path& camera : cameras) {
       ROTUNDA_ASSIGN_OR_RETURN(const FrameSet set, ReadFrameSet(camera));
@@ -143,7 +150,7 @@ class ShotCollector {
     for (size_t k = 0; k < pictures.front().size(); ++k) {
       LooseShot loose{{"shot " + std::to_string(k), folder}, {}};
       for (size_t c = 0; c < cameras.size(); ++c) {
-        loose.pictures[cameras[c].filename().string()] = {cameras[c] / pictures[c][k], "", ""};
+        loose.pictures[cameras[c].filename().string()] = {.file = cameras[c] / pictures[c][k]};
       }
       shots_.push_back(std::move(loose));
     }
@@ -159,7 +166,7 @@ class ShotCollector {
         const auto picture = loose.pictures.find(camera.camera);
         row.push_back(picture != loose.pictures.end()
                           ? picture->second
-                          : ShotPicture{{}, "", "this shot has no picture of it"});
+                          : ShotPicture{.missing = "this shot has no picture of it"});
       }
       all.pictures.push_back(std::move(row));
       all.shots.push_back(std::move(loose.shot));
@@ -168,6 +175,18 @@ class ShotCollector {
   }
 
  private:
+  /// kBadInput when its shots are there already.
+  Status AddPlace(const fs::path& folder) {
+    std::error_code failed;
+    const fs::path place = fs::weakly_canonical(fs::absolute(folder, failed), failed);
+    const auto [known, is_new] = places_.emplace(place, folder);
+    if (is_new) return {};
+    return Error{ErrorCode::kBadInput,
+                 "is given twice (before as " + known->second.string() +
+                     "): give every shot once, it would count as two",
+                 folder.string()};
+  }
+
   Status AddCamera(const SightedCamera& camera, const fs::path& folder) {
     const auto [place, is_new] = cameras_.emplace(camera.camera, camera);
     SightedCamera& known = place->second;
@@ -196,6 +215,7 @@ class ShotCollector {
     return {};
   }
 
+  std::map<fs::path, fs::path> places_;  // as given, by what it is
   std::map<std::string, SightedCamera> cameras_;
   std::vector<LooseShot> shots_;
 };

@@ -43,9 +43,10 @@ struct BoardSightings {
 
 /// Where the pictures are, before they are read. `pictures[shot][camera]` as in BoardSightings.
 struct ShotPicture {
-  std::filesystem::path file;  // empty: `missing` says why
-  std::string pixel_format;    // "Bayer...": see DetectBoardInMosaic
-  std::string missing;
+  std::filesystem::path file = {};  // empty: `missing` says why
+  std::string pixel_format = {};    // "Bayer...": see DetectBoardInMosaic
+  std::string xxh3 = {};            // checksum as in the frame set; empty when not known
+  std::string missing = {};
 };
 struct ShotPictures {
   std::vector<SightedCamera> cameras;
@@ -57,11 +58,12 @@ struct ShotPictures {
 /// (placement_00, ...: one shot each, by name), or a folder whose subfolders are cameras with the
 /// same number of pictures each: the k-th picture of every camera, in natural order ("2" before
 /// "10"), is one shot. Frame sets may have different cameras. Errors (kBadInput, kNotFound) name
-/// the folder; so do two serials or two sizes under one camera name.
+/// the folder; so do a shot given twice and two serials or two sizes under one camera name.
 Result<ShotPictures> FindShots(const std::vector<std::filesystem::path>& folders);
 
 /// Detects the board in every picture, in parallel over pictures (stage "board"). A picture that
-/// cannot be read or has another size than its camera's others is a sighting that says so.
+/// cannot be read, has another checksum than its frame set says or another size than its camera's
+/// others is a sighting that says so.
 /// kCancelled when stopped; other errors as DetectBoard.
 Result<BoardSightings> DetectBoards(const ShotPictures& shots, const Board& board,
                                     const BoardDetectionOptions& options, RunContext& context);

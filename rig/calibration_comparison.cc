@@ -17,19 +17,6 @@ namespace {
 using Vector6 = Eigen::Matrix<double, 6, 1>;
 using PoseCovariance = Eigen::Matrix<double, 6, 6>;
 
-/// Probability that a chi-square variable exceeds `x`. With y = x/2 and Q the upper incomplete
-/// gamma function: Q(a + 1, y) = Q(a, y) + y^a e^-y / Gamma(a + 1), from Q(1/2, y) = erfc(sqrt(y))
-/// or Q(1, y) = e^-y (Abramowitz and Stegun, 6.5.21, 26.4.4 and 26.4.5).
-double ChiSquareTail(int freedom, double x) {
-  const double y = 0.5 * x;
-  const bool odd = freedom % 2 == 1;
-  double tail = odd ? std::erfc(std::sqrt(y)) : std::exp(-y);
-  for (double a = odd ? 0.5 : 1.0; a < 0.5 * freedom; a += 1) {
-    tail += std::pow(y, a) * std::exp(-y) / std::tgamma(a + 1);
-  }
-  return tail;
-}
-
 constexpr int kPoseFreedom = 6;
 
 /// A camera of both calibrations; covariances of turn (camera axes) and centre (own rig's axes).
@@ -149,13 +136,14 @@ Rigid3 Align(const std::vector<Pair>& pairs) {
   return alignment;
 }
 
-CameraChange Describe(const Pair& pair, const Rigid3& alignment, double inflation) {
+/// `scale`: the sigmas counted this many times as large.
+CameraChange Describe(const Pair& pair, const Rigid3& alignment, double scale) {
   const Change change = ChangeOf(pair, alignment);
   CameraChange described;
   described.camera = pair.before->camera;
   described.rotation_deg = DegFromRad(change.difference.head<3>().norm());
   described.position_mm = 1e3 * change.difference.tail<3>().norm();
-  described.sigmas = std::sqrt(change.ChiSquare() / kPoseFreedom) / inflation;
+  described.sigmas = std::sqrt(change.ChiSquare() / kPoseFreedom) / scale;
   const double before_px = pair.before->intrinsics.MeanFocal_px();
   const double after_px = pair.after->intrinsics.MeanFocal_px();
   described.focal_percent = 100 * (after_px / before_px - 1);
@@ -221,10 +209,11 @@ void JudgeLenses(const std::vector<Pair>& pairs, double false_alarm,
   }
   const double scale = std::max(1.0, Median(std::move(excess)));
   comparison.lens_inflation = std::sqrt(scale);
+  const double told_scale = comparison.SameRig() ? scale : 1;
   for (size_t i = 0; i < pairs.size(); ++i) {
     if (!changes[i]) continue;
     const auto [chi_square, freedom] = *changes[i];
-    comparison.cameras[i].lens_sigmas = std::sqrt(chi_square / (scale * freedom));
+    comparison.cameras[i].lens_sigmas = std::sqrt(chi_square / (told_scale * freedom));
     comparison.cameras[i].lens_changed =
         chi_square / scale >
         ChiSquareLimit(freedom, false_alarm / static_cast<double>(pairs.size()));
@@ -296,15 +285,6 @@ std::string OtherRigText(const CalibrationComparison& comparison) {
 
 }  // namespace
 
-double ChiSquareLimit(int freedom, double probability) {
-  double low = 0, high = 1000;
-  for (int i = 0; i < 100; ++i) {
-    const double x = 0.5 * (low + high);
-    (ChiSquareTail(freedom, x) > probability ? low : high) = x;
-  }
-  return low;
-}
-
 Result<Rigid3> AlignRigs(const Calibration& before, const Calibration& after,
                          const CalibrationComparisonOptions& options) {
   const std::vector<Pair> pairs = PairUp(before, after, options);
@@ -330,9 +310,11 @@ Result<CalibrationComparison> CompareCalibrations(const Calibration& before,
   comparison.inflation = std::sqrt(Excess(pairs, comparison.before_from_after));
   const double false_alarm = options.false_alarm / static_cast<double>(pairs.size());
   comparison.sigmas_limit = std::sqrt(ChiSquareLimit(kPoseFreedom, false_alarm) / kPoseFreedom);
+  // Of two rigs the scatter is no measure of the sigmas: they stay what the calibrations say.
+  if (!comparison.SameRig()) comparison.sigmas_limit *= comparison.inflation;
   for (const Pair& pair : pairs) {
-    comparison.cameras.push_back(
-        Describe(pair, comparison.before_from_after, comparison.inflation));
+    comparison.cameras.push_back(Describe(pair, comparison.before_from_after,
+                                          comparison.SameRig() ? comparison.inflation : 1));
     CameraChange& change = comparison.cameras.back();
     change.moved = change.sigmas > comparison.sigmas_limit;
   }
@@ -384,8 +366,15 @@ std::vector<std::string> ChangesIn(const CalibrationComparison& comparison) {
     }
     if (change.other_serial) changes.push_back(change.camera + " has another serial number");
   }
-  for (const std::string& camera : comparison.only_before) changes.push_back(camera + " is gone");
-  for (const std::string& camera : comparison.only_after) changes.push_back(camera + " is new");
+  const auto& failed = comparison.not_calibrated;
+  for (const std::string& camera : comparison.only_before) {
+    const bool took_part = std::find(failed.begin(), failed.end(), camera) != failed.end();
+    changes.push_back(camera + (took_part ? " was not calibrated this time"
+                                          : " is only in the earlier calibration"));
+  }
+  for (const std::string& camera : comparison.only_after) {
+    changes.push_back(camera + " is only in the later calibration");
+  }
   return changes;
 }
 

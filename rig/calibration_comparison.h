@@ -25,7 +25,7 @@ struct CameraChange {
   double rotation_deg = 0;
   double position_mm = 0;
   /// Root of the change's squared Mahalanobis distance over its six degrees of freedom: about 1
-  /// when nothing changed.
+  /// when nothing changed. The cameras' scatter is counted in, unless that is of two rigs.
   double sigmas = 0;
   bool moved = false;
   std::optional<std::string> swapped_with;  // the camera in whose place it stands
@@ -42,17 +42,18 @@ struct CameraChange {
 /// their sigmas; what scatters more is another rig, or a calibration that is wrong.
 inline constexpr double kOtherRig = 6.0;
 
-/// The value that a chi-square variable exceeds with this probability.
-double ChiSquareLimit(int freedom, double probability);
-
 struct CalibrationComparison {
   Rigid3 before_from_after;           // rig frames
   std::vector<CameraChange> cameras;  // in both, by name
   std::vector<std::string> only_before, only_after;
+  /// Of `only_before`: cameras that took part in the later shots and could not be calibrated. What
+  /// the calibrations themselves do not say; the caller's.
+  std::vector<std::string> not_calibrated;
   /// Cameras scatter this much more than their sigmas say (1: as they say); taken into account.
   double inflation = 1;
   double lens_inflation = 1;  // the same of lenses
-  double sigmas_limit = 0;    // of CameraChange::sigmas, before it counts as moved
+  /// Of CameraChange::sigmas, before it counts as moved; of two rigs: before it stands out.
+  double sigmas_limit = 0;
   /// All distances between cameras grew by this share alike, by much more than they scatter; 0 when
   /// they did not.
   double growth = 0;

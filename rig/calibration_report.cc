@@ -81,6 +81,19 @@ std::string Tile(const std::string& name, const std::string& figure, const std::
 
 std::string Ratio(const std::optional<double>& ratio) { return ratio ? Fixed(*ratio, 2) : "–"; }
 
+std::string HeldOutTile(const CrossValidation& validation) {
+  if (!validation.held_out_rms_px) return Tile("Held out", "–", "too few corners to hold some out");
+  return Tile("Held out", Fixed(*validation.held_out_rms_px, 3) + " px",
+              "RMS; 95 % below " + Fixed(*validation.held_out_p95_px, 3) + " px");
+}
+
+std::string TwoHalvesTile(const CrossValidation& validation) {
+  if (!validation.position_ratio) return Tile("Two halves", "–", "too few corners to halve them");
+  return Tile("Two halves", Fixed(*validation.position_ratio, 2),
+              "position, " + Fixed(*validation.rotation_ratio, 2) +
+                  " rotation: difference over what sigma says; honest near 1");
+}
+
 std::string Tiles(const CalibrationReportInput& input) {
   const CalibrationResiduals& residuals = *input.calibration.residuals;
   double rotation = 0, position = 0, focal = 0;
@@ -98,28 +111,28 @@ std::string Tiles(const CalibrationReportInput& input) {
          Tile("Corners", Grouped(residuals.kept), Fixed(kept, 1) + " % of those found") +
          Tile("RMS", Fixed(residuals.rms_px, 3) + " px",
               Fixed(residuals.noise, 2) + " times the detector's sigma") +
-         Tile("Held out", Fixed(input.validation.held_out_rms_px, 3) + " px",
-              "RMS; 95 % below " + Fixed(input.validation.held_out_p95_px, 3) + " px") +
+         HeldOutTile(input.validation) +
          Tile("Uncertainty", Significant(position / count) + " mm",
               Significant(rotation / count) + " deg, focal length " + Significant(focal / count) +
                   " %, mean of 1 sigma") +
-         Tile("Two halves", Ratio(input.validation.position_ratio),
-              "position, " + Ratio(input.validation.rotation_ratio) +
-                  " rotation: difference over what sigma says; honest near 1") +
-         "</dl>\n";
+         TwoHalvesTile(input.validation) + "</dl>\n";
 }
 
 /// What changed since another calibration comes first.
 std::string Verdict(const CalibrationReportInput& input) {
-  std::vector<std::string> notes;
-  if (input.comparison) notes = ChangesIn(*input.comparison);
-  notes.insert(notes.end(), input.notes.begin(), input.notes.end());
-  if (notes.empty()) {
-    return "<div class=\"verdict good\"><h2>Every camera is calibrated and well covered</h2></div>";
+  std::vector<std::string> told;
+  if (input.comparison) told = ChangesIn(*input.comparison);
+  std::string heading = told.empty() ? "" : Counted(told.size(), "change");
+  if (!input.notes.empty()) {
+    heading += (told.empty() ? "" : ", ") + Counted(input.notes.size(), "note");
   }
-  std::string html =
-      "<div class=\"verdict look\"><h2>" + Counted(notes.size(), "note") + "</h2><ul>";
-  for (const std::string& note : notes) html += "<li>" + Escaped(note) + "</li>\n";
+  told.insert(told.end(), input.notes.begin(), input.notes.end());
+  if (told.empty()) {
+    return std::string("<div class=\"verdict good\"><h2>Every camera is calibrated") +
+           (input.result.free.intrinsics ? " and well covered" : "") + "</h2></div>";
+  }
+  std::string html = "<div class=\"verdict look\"><h2>" + heading + "</h2><ul>";
+  for (const std::string& one : told) html += "<li>" + Escaped(one) + "</li>\n";
   return html + "</ul></div>\n";
 }
 

@@ -6,6 +6,7 @@
 
 #include "rig/calibration_checks.h"
 #include "rig/calibration_comparison.h"
+#include "rig/cross_validation.h"
 #include "rig/rig_calibration.h"
 #include "sfm/core/calibration.h"
 

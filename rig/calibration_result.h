@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "rig/calibration_checks.h"
+#include "rig/cross_validation.h"
 #include "rig/rig_calibration.h"
 #include "sfm/core/calibration.h"
 

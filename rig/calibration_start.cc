@@ -275,8 +275,12 @@ MainGroups ChooseMain(const RigProblem& problem, const std::vector<Body>& bodies
   return main;
 }
 
+std::string TooFewCorners(int min_corners) {
+  return "no picture shows " + std::to_string(min_corners) + " corners of one face of the board";
+}
+
 void PoseCameras(const std::vector<Sighting>& sightings, const PoseGroups& cameras, size_t main,
-                 CalibrationStart& start) {
+                 int min_corners, CalibrationStart& start) {
   std::vector<bool> seen(cameras.size(), false);
   for (const Sighting& s : sightings) seen[s.camera] = true;
   for (size_t c = 0; c < cameras.size(); ++c) {
@@ -284,7 +288,9 @@ void PoseCameras(const std::vector<Sighting>& sightings, const PoseGroups& camer
       start.model.cam_from_rig[c] = cameras.group_from(c).Inverse();
     } else if (start.camera_problem[c].empty()) {
       start.camera_problem[c] =
-          "no shot shows the board to this camera and to another one that is tied to the rest";
+          seen[c]
+              ? "no shot shows the board to this camera and to another one that is tied to the rest"
+              : TooFewCorners(min_corners);
     }
   }
 }
@@ -344,8 +350,7 @@ CalibrationStart UnposedStart(const StartTask& task, const Lenses& lenses) {
   for (const FacePrior& prior : task.problem.priors) start.model.faces.push_back(prior.face);
   for (size_t c = 0; c < lenses.size(); ++c) {
     if (!lenses[c]) {
-      start.camera_problem[c] = "no picture shows " + std::to_string(task.options.min_corners) +
-                                " corners of one face of the board";
+      start.camera_problem[c] = TooFewCorners(task.options.min_corners);
     }
     const SightedCamera& camera = task.input.cameras[c];
     start.model.intrinsics.push_back(lenses[c].value_or(
@@ -371,7 +376,7 @@ Result<CalibrationStart> StartWith(const StartTask& task, bool together, RunCont
   }
   const TiedGroups groups = TieTogether(task, seen, sightings);
   const MainGroups main = ChooseMain(task.problem, seen.bodies, sightings, groups);
-  PoseCameras(sightings, groups.cameras, main.cameras, start);
+  PoseCameras(sightings, groups.cameras, main.cameras, task.options.min_corners, start);
   PoseFaces(seen.bodies, groups.bodies, main, start.model.faces);
   PoseShots(sightings, groups, main, start);
   return start;

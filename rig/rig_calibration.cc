@@ -4,9 +4,12 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "rig/calibration_comparison.h"
+#include "rig/picture_misfits.h"
+#include "rig/short_number.h"
 
 namespace rotunda::rig {
 namespace {
@@ -42,11 +45,7 @@ Status CheckKeptLens(const SightedCamera& camera, const Calibration& from) {
   const auto refused = [&](const std::string& why) {
     return Error{ErrorCode::kBadInput, why, camera.camera};
   };
-  if (earlier == nullptr) {
-    return refused(
-        "is not in the calibration whose intrinsics are to be kept; take one that has it, or "
-        "calibrate without");
-  }
+  if (earlier == nullptr) return {};  // it is left out
   if (!camera.serial.empty() && !earlier->serial.empty() && camera.serial != earlier->serial) {
     return refused("has serial " + camera.serial + ", in the earlier calibration " +
                    earlier->serial +
@@ -69,7 +68,8 @@ Result<std::vector<std::optional<CameraIntrinsics>>> KnownIntrinsics(
   if (from == nullptr) return known;
   ROTUNDA_RETURN_IF_ERROR(CheckKeptLenses(sightings.cameras, *from));
   for (size_t c = 0; c < known.size(); ++c) {
-    known[c] = from->Find(sightings.cameras[c].camera)->intrinsics;
+    const CalibratedCamera* earlier = from->Find(sightings.cameras[c].camera);
+    if (earlier != nullptr) known[c] = earlier->intrinsics;
   }
   return known;
 }
@@ -87,6 +87,21 @@ std::vector<Eigen::MatrixXd> HeldIntrinsics(const BoardSightings& sightings,
     held.back() = earlier->covariance->bottomRightCorner(params, params);
   }
   return held;
+}
+
+/// Cameras of which the calibration that lenses are kept from knows none: their views are taken
+/// out, since a shot or two do not give a lens.
+std::vector<size_t> TakeUnknown(const BoardSightings& sightings, const Calibration* from,
+                                std::vector<FaceView>& views) {
+  std::vector<size_t> unknown;
+  if (from == nullptr) return unknown;
+  for (size_t c = 0; c < sightings.cameras.size(); ++c) {
+    if (from->Find(sightings.cameras[c].camera) == nullptr) unknown.push_back(c);
+  }
+  std::erase_if(views, [&](const FaceView& view) {
+    return std::binary_search(unknown.begin(), unknown.end(), view.camera);
+  });
+  return unknown;
 }
 
 /// What the start found; faces that do not stand as drawn are no longer held to the drawing.
@@ -114,8 +129,8 @@ void ExtendModel(LensModel model, RigModel& rig) {
 }
 
 /// Robust rounds from the start: poses first, then everything, the loss following the noise down.
-Status AdjustRobustly(const RigProblem& problem, LensModel lens, RigCalibration& result,
-                      RunContext& context) {
+Status AdjustRobustly(const RigProblem& problem, const std::vector<FaceView>& views, LensModel lens,
+                      RigCalibration& result, RunContext& context) {
   constexpr int kMostRounds = 10;
   constexpr double kSettled = 0.02;  // change of the noise from round to round
   RigSolveOptions options;
@@ -124,12 +139,12 @@ Status AdjustRobustly(const RigProblem& problem, LensModel lens, RigCalibration&
   options.free = result.free;
   options.free.intrinsics = options.free.faces = false;
   RigModel& model = result.model;
-  double noise = NoiseScale(model, problem.shape, result.found);
+  double noise = NoiseScale(model, problem.shape, views);
   for (int round = 0; round < kMostRounds; ++round) {
     options.loss_scale = kLossSigmas * noise;
     context.Report("adjustment", static_cast<size_t>(round), kMostRounds + 2);
-    ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, result.found, options, model, context));
-    const double now = NoiseScale(model, problem.shape, result.found);
+    ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, views, options, model, context));
+    const double now = NoiseScale(model, problem.shape, views);
     const bool settled = std::abs(now - noise) < kSettled * noise;
     noise = now;
     if (round == 0) {
@@ -141,127 +156,6 @@ Status AdjustRobustly(const RigProblem& problem, LensModel lens, RigCalibration&
     }
   }
   return {};
-}
-
-/// A threshold that `lost` of `count` normal deviates in the plane exceed: exp(-t^2 / 2) = share.
-double ThresholdSigmas(size_t count, double lost) {
-  return std::sqrt(2.0 * std::log(std::max(3.0, static_cast<double>(count) / lost)));
-}
-
-/// How many of a view's corners are beyond `limit` sigmas.
-size_t WrongCorners(const RigModel& model, const BoardShape& shape, const FaceView& view,
-                    double limit) {
-  const auto residuals = Residuals_px(model, shape, view);
-  size_t wrong = 0;
-  for (size_t i = 0; i < residuals.size(); ++i) {
-    wrong += residuals[i].norm() > limit * view.corners[i].sigma_px;
-  }
-  return wrong;
-}
-
-/// The pictures of one shot.
-struct ShotFit {
-  size_t pictures = 0;
-  std::vector<size_t> wrong;  // cameras whose picture does not fit
-};
-
-/// Judges pictures by how many of their corners are beyond a limit (in sigmas).
-class PictureFits {
- public:
-  PictureFits(const RigModel& model, const BoardShape& shape, const std::vector<FaceView>& views,
-              double limit)
-      : model_(model), shape_(shape), views_(views), limit_(limit) {}
-
-  /// By shot; a picture is wrong with more than `max_wrong` of its corners beyond the limit.
-  std::map<size_t, ShotFit> ByShot(double max_wrong) const {
-    std::map<std::pair<size_t, size_t>, Corners> pictures;  // by shot and camera
-    for (const FaceView& view : views_) {
-      if (model_.Has(view)) Add(model_, view, pictures[{view.shot, view.camera}]);
-    }
-    std::map<size_t, ShotFit> shots;
-    for (const auto& [place, corners] : pictures) {
-      ShotFit& shot = shots[place.first];
-      ++shot.pictures;
-      if (corners.Share() > max_wrong) shot.wrong.push_back(place.second);
-    }
-    return shots;
-  }
-
-  /// Whether camera `a`'s picture of the shot would fit as one of camera `b`.
-  bool FitsAs(size_t shot, size_t a, size_t b) const {
-    RigModel exchanged = model_;
-    exchanged.cam_from_rig[a] = model_.cam_from_rig[b];
-    exchanged.intrinsics[a] = model_.intrinsics[b];
-    Corners corners;
-    for (const FaceView& view : views_) {
-      if (view.camera == a && view.shot == shot) Add(exchanged, view, corners);
-    }
-    return 2 * corners.wrong < corners.all;
-  }
-
- private:
-  struct Corners {
-    size_t all = 0, wrong = 0;
-    double Share() const { return static_cast<double>(wrong) / static_cast<double>(all); }
-  };
-  void Add(const RigModel& model, const FaceView& view, Corners& corners) const {
-    corners.all += view.corners.size();
-    corners.wrong += WrongCorners(model, shape_, view, limit_);
-  }
-
-  const RigModel& model_;
-  const BoardShape& shape_;
-  const std::vector<FaceView>& views_;
-  double limit_;
-};
-
-/// Of a picture that does not fit; `wrong`: all cameras whose pictures of the shot do not.
-std::string WhyMisfit(const BoardSightings& sightings, const PictureFits& fits,
-                      const DroppedPicture& picture, const std::vector<size_t>& wrong) {
-  std::string reason =
-      "does not fit the other cameras' pictures of this shot: it was taken at another moment, or "
-      "is not this camera's";
-  for (const size_t other : wrong) {
-    if (other != *picture.camera && fits.FitsAs(picture.shot, *picture.camera, other)) {
-      reason = "is the picture of " + sightings.cameras[other].camera +
-               ": the two cameras are swapped in this shot";
-    }
-  }
-  return reason;
-}
-
-/// Pictures and shots most of whose corners do not fit.
-std::vector<DroppedPicture> FindMisfits(const BoardSightings& sightings, const BoardShape& shape,
-                                        const RigCalibration& result,
-                                        const RigCalibrationOptions& options) {
-  const double limit = NoiseScale(result.model, shape, result.found) *
-                       ThresholdSigmas(CornerCount(result.found), options.lost_corners);
-  const PictureFits fits(result.model, shape, result.found, limit);
-  std::vector<DroppedPicture> dropped;
-  for (const auto& [shot, fit] : fits.ByShot(options.max_wrong_corners)) {
-    const auto share = static_cast<double>(fit.wrong.size()) / static_cast<double>(fit.pictures);
-    if (fit.wrong.size() >= 2 && share > options.max_wrong_pictures) {
-      dropped.push_back({shot, std::nullopt,
-                         std::to_string(fit.wrong.size()) + " of " + std::to_string(fit.pictures) +
-                             " pictures do not fit together: the board moved while the shot was "
-                             "taken, or pictures of different moments are mixed; take it again"});
-      continue;
-    }
-    for (const size_t camera : fit.wrong) {
-      DroppedPicture& picture = dropped.emplace_back(DroppedPicture{shot, camera, ""});
-      picture.reason = WhyMisfit(sightings, fits, picture, fit.wrong);
-    }
-  }
-  return dropped;
-}
-
-std::vector<FaceView> Without(const std::vector<FaceView>& views,
-                              const std::vector<DroppedPicture>& dropped) {
-  std::vector<FaceView> rest;
-  for (const FaceView& view : views) {
-    if (!IsLeftOut(dropped, view)) rest.push_back(view);
-  }
-  return rest;
 }
 
 /// Views of posed cameras and shots, with the corners within `limit` sigmas.
@@ -370,12 +264,44 @@ class PictureReasons {
   std::map<std::string, std::pair<size_t, std::string>> kinds_;
 };
 
+size_t MostCornersOfAFace(const BoardDetection& detection) {
+  std::map<int, size_t> by_face;
+  size_t most = 0;
+  for (const BoardCorner& corner : detection.corners) {
+    most = std::max(most, ++by_face[corner.face]);
+  }
+  return most;
+}
+
+/// How much was read of the board in a camera's best picture; empty when that is enough, or when
+/// there are no pictures.
+std::string TooFewRead(const BoardSightings& sightings, size_t camera, size_t min_corners) {
+  const BoardDetection* best = nullptr;
+  size_t shot = 0;
+  for (size_t s = 0; s < sightings.shots.size(); ++s) {
+    const auto& detection = sightings.sightings[s][camera].detection;
+    if (!detection) continue;
+    const auto worth = [](const BoardDetection& d) {
+      return std::pair(MostCornersOfAFace(d), d.markers_found);
+    };
+    if (best != nullptr && worth(*detection) <= worth(*best)) continue;
+    best = &*detection;
+    shot = s;
+  }
+  if (best == nullptr || MostCornersOfAFace(*best) >= min_corners) return "";
+  return "; at best, in " + sightings.shots[shot].id + ", " + std::to_string(best->markers_found) +
+         " of the board's markers were read and " + std::to_string(MostCornersOfAFace(*best)) +
+         " corners of a face found, expected at least " + std::to_string(min_corners) +
+         " corners: is the target in its view, near, evenly lit and in focus?";
+}
+
 /// Tells of cameras and shots without a pose what was wrong with their pictures.
-void ExplainMissing(const BoardSightings& sightings, RigCalibration& result) {
+void ExplainMissing(const BoardSightings& sightings, size_t min_corners, RigCalibration& result) {
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
     PictureReasons reasons;
     for (const auto& row : sightings.sightings) reasons.Add(row[c]);
-    if (!result.model.cam_from_rig[c]) result.camera_problem[c] += reasons.Text();
+    if (result.model.cam_from_rig[c]) continue;
+    result.camera_problem[c] += TooFewRead(sightings, c, min_corners) + reasons.Text();
   }
   for (size_t s = 0; s < sightings.shots.size(); ++s) {
     PictureReasons reasons;
@@ -402,33 +328,6 @@ Status CheckSightings(const BoardSightings& sightings, const std::vector<FaceVie
                ""};
 }
 
-bool SameCorners(const FaceView& a, const FaceView& b) {
-  return std::equal(a.corners.begin(), a.corners.end(), b.corners.begin(), b.corners.end(),
-                    [](const SeenCorner& one, const SeenCorner& other) {
-                      return one.corner == other.corner && one.pixel == other.pixel;
-                    });
-}
-
-/// A picture's noise never comes twice: shots with a face in common to the last bit are one shot,
-/// which would count as two.
-Status CheckShotsDiffer(const BoardSightings& sightings, const std::vector<FaceView>& views) {
-  std::map<std::pair<size_t, size_t>, std::vector<const FaceView*>> earlier;
-  for (const FaceView& view : views) {
-    std::vector<const FaceView*>& others = earlier[{view.camera, view.face}];
-    for (const FaceView* other : others) {
-      if (!SameCorners(*other, view)) continue;
-      const BoardShot &a = sightings.shots[other->shot], &b = sightings.shots[view.shot];
-      return Error{ErrorCode::kBadInput,
-                   "has the same picture of camera " + sightings.cameras[view.camera].camera +
-                       " as shot '" + a.id + "' (" + a.folder.string() +
-                       "): give every shot once, it would count as two",
-                   "shot '" + b.id + "' (" + b.folder.string() + ")"};
-    }
-    others.push_back(&view);
-  }
-  return {};
-}
-
 Calibration AsCalibration(const RigCalibration& result, const BoardSightings& sightings) {
   Calibration calibration;
   for (size_t c = 0; c < sightings.cameras.size(); ++c) {
@@ -443,10 +342,31 @@ Calibration AsCalibration(const RigCalibration& result, const BoardSightings& si
   return calibration;
 }
 
+/// The rig's noise, or a camera's own where its corners scatter much more: a lens out of focus.
+std::vector<double> CameraNoise(const BoardShape& shape, const RigCalibration& result) {
+  constexpr double kOwn = 1.5;  // times the rig's; chance makes 1.3 of 24 corners
+  const size_t cameras = result.model.cam_from_rig.size();
+  std::vector<double> squares(cameras, 0), count(cameras, 0);
+  for (const FaceView& view : result.kept) {
+    const auto residuals = Residuals_px(result.model, shape, view);
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      squares[view.camera] += residuals[i].squaredNorm() / std::pow(view.corners[i].sigma_px, 2);
+      count[view.camera] += 2;
+    }
+  }
+  std::vector<double> noise(cameras, result.noise);
+  for (size_t c = 0; c < cameras; ++c) {
+    if (count[c] == 0) continue;
+    const double own = std::sqrt(squares[c] / count[c]);
+    if (own > kOwn * result.noise) noise[c] = own;
+  }
+  return noise;
+}
+
 /// With the noise of the kept corners. The error names the cameras that are not determined.
 Result<RigUncertainty> UncertaintyOf(const RigProblem& problem, const BoardSightings& sightings,
                                      const RigCalibration& result, RunContext& context) {
-  const std::vector<FaceView> views = WithNoise(result.kept, result.noise);
+  const std::vector<FaceView> views = WithNoise(result.kept, result.camera_noise);
   Result<RigUncertainty> uncertainty = BuildUncertainty(
       problem, views, result.model, {result.free, result.held_intrinsics}, context);
   if (uncertainty || uncertainty.error().code != ErrorCode::kFailed) return uncertainty;
@@ -524,6 +444,75 @@ Status AlignFrame(const BoardSightings& sightings, const RigCalibrationOptions& 
   return {};
 }
 
+/// What every solution of one calibration starts from.
+struct SolveTask {
+  const Board& board;
+  BoardShape shape;
+  const BoardSightings& sightings;
+  const std::vector<std::optional<CameraIntrinsics>>& known;
+  const RigCalibrationOptions& options;
+};
+
+/// Start, robust rounds, misfits taken out, final rounds; without what `result` has dropped.
+Status SolveFrom(const SolveTask& task, RigCalibration& result, RunContext& context) {
+  const RigProblem problem = {task.board, task.shape, result.priors};
+  const std::vector<FaceView> views = Without(result.found, result.dropped);
+  context.Report("start", 0, 1);
+  ROTUNDA_ASSIGN_OR_RETURN(CalibrationStart start,
+                           StartCalibration(problem, {views, task.sightings.cameras, task.known},
+                                            task.options.start, context));
+  context.Report("start", 1, 1);
+  TakeStart(std::move(start), task.sightings.shots.size(), result);
+  ROTUNDA_RETURN_IF_ERROR(AdjustRobustly(problem, views, task.options.model, result, context));
+  for (DroppedPicture& misfit :
+       FindMisfits(task.sightings, views, task.shape, result, task.options)) {
+    result.dropped.push_back(std::move(misfit));
+  }
+  for (const DroppedPicture& dropped : result.dropped) {
+    if (!dropped.camera) result.shot_problem[dropped.shot] = dropped.reason;
+  }
+  return AdjustFinally(problem, Without(views, result.dropped), task.options, result, context);
+}
+
+std::string OddShotText(double with_px, double without_px) {
+  return "it does not agree with the other shots: corners fit to " + Number(with_px, "%.3f px") +
+         " with it and to " + Number(without_px, "%.3f px") +
+         " without; is it of another rig or another target, or were cameras moved or exchanged "
+         "between the shots?";
+}
+
+/// Of corners that fit badly, a single shot may be the reason: the one without which the others fit
+/// much better. `untouched`: the calibration before anything was solved.
+Status LeaveOutOddShot(const SolveTask& task, const RigCalibration& untouched,
+                       RigCalibration& result, RunContext& context) {
+  constexpr double kMuchBetter = 0.2;
+  constexpr std::ptrdiff_t kLeastShots = 3;  // of two, neither can be told to be the odd one
+  const auto& poses = result.model.rig_from_board;
+  if (std::count_if(poses.begin(), poses.end(), [](const auto& pose) { return pose.has_value(); }) <
+      kLeastShots) {
+    return {};
+  }
+  const double with_px = ResidualRms_px(task.shape, result);
+  double least_px = kMuchBetter * with_px;
+  std::optional<RigCalibration> best;
+  for (size_t s = 0; s < poses.size(); ++s) {
+    if (!poses[s]) continue;
+    RigCalibration without = untouched;
+    without.dropped.push_back({s, std::nullopt, ""});
+    const Status solved = SolveFrom(task, without, context);
+    if (context.Stopped()) return Error{ErrorCode::kCancelled, "stopped", "calibration"};
+    if (!solved.ok()) continue;
+    const double rms_px = ResidualRms_px(task.shape, without);
+    if (rms_px >= least_px) continue;
+    least_px = rms_px;
+    DroppedPicture& odd = without.dropped[untouched.dropped.size()];
+    odd.reason = without.shot_problem[s] = OddShotText(with_px, rms_px);
+    best = std::move(without);
+  }
+  if (best) result = *std::move(best);
+  return {};
+}
+
 }  // namespace
 
 Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>& views,
@@ -533,6 +522,16 @@ Result<RigModel> Readjust(const RigProblem& problem, const std::vector<FaceView>
   RigModel adjusted = model;
   ROTUNDA_RETURN_IF_ERROR(SolveRig(problem, views, options, adjusted, context));
   return adjusted;
+}
+
+double ResidualRms_px(const BoardShape& shape, const RigCalibration& result) {
+  double squares = 0;
+  for (const FaceView& view : result.kept) {
+    for (const Eigen::Vector2d& residual : Residuals_px(result.model, shape, view)) {
+      squares += residual.squaredNorm();
+    }
+  }
+  return std::sqrt(squares / static_cast<double>(CornerCount(result.kept)));
 }
 
 Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration& other,
@@ -551,6 +550,7 @@ Status CheckShared(const std::vector<SightedCamera>& cameras, const Calibration&
 }
 
 Status CheckKeptLenses(const std::vector<SightedCamera>& cameras, const Calibration& from) {
+  ROTUNDA_RETURN_IF_ERROR(CheckShared(cameras, from, 1));
   for (const SightedCamera& camera : cameras) ROTUNDA_RETURN_IF_ERROR(CheckKeptLens(camera, from));
   return {};
 }
@@ -563,47 +563,41 @@ Status CheckFrameShot(const std::vector<BoardShot>& shots, const RigFrameSetting
                "rig_frame.shot"};
 }
 
-bool IsLeftOut(const std::vector<DroppedPicture>& dropped, const FaceView& view) {
-  return std::any_of(dropped.begin(), dropped.end(), [&](const DroppedPicture& d) {
-    return d.shot == view.shot && (!d.camera || *d.camera == view.camera);
-  });
-}
-
 Result<RigCalibration> CalibrateRig(const Board& board, const BoardSightings& sightings,
                                     const RigCalibrationOptions& options, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(board.Validate());
   RigCalibration result;
   result.found = ViewsOf(sightings);
   ROTUNDA_RETURN_IF_ERROR(CheckSightings(sightings, result.found));
-  ROTUNDA_RETURN_IF_ERROR(CheckShotsDiffer(sightings, result.found));
-  ROTUNDA_RETURN_IF_ERROR(CheckFrameShot(sightings.shots, board.rig_frame));
-  if (options.frame_from != nullptr) {
+  ROTUNDA_ASSIGN_OR_RETURN(result.dropped, FindRepeats(sightings, result.found));
+  result.found = Without(result.found, result.dropped);
+  if (options.frame_from == nullptr) {
+    ROTUNDA_RETURN_IF_ERROR(CheckFrameShot(sightings.shots, board.rig_frame));
+  } else {
     ROTUNDA_RETURN_IF_ERROR(CheckShared(sightings.cameras, *options.frame_from, 1));
   }
   ROTUNDA_ASSIGN_OR_RETURN(const auto known, KnownIntrinsics(sightings, options.intrinsics_from));
+  const std::vector<size_t> unknown = TakeUnknown(sightings, options.intrinsics_from, result.found);
   result.free.intrinsics = options.intrinsics_from == nullptr;
   result.free.rational = options.model == LensModel::kFullOpencv;
   result.held_intrinsics = HeldIntrinsics(sightings, options.intrinsics_from);
   result.priors = PriorsOf(board, options.intrinsics_from);
-  const BoardShape shape = ShapeOf(board);
-  const RigProblem problem = {board, shape, result.priors};
-
-  context.Report("start", 0, 1);
-  ROTUNDA_ASSIGN_OR_RETURN(
-      CalibrationStart start,
-      StartCalibration(problem, {result.found, sightings.cameras, known}, options.start, context));
-  context.Report("start", 1, 1);
-  TakeStart(std::move(start), sightings.shots.size(), result);
-  ROTUNDA_RETURN_IF_ERROR(AdjustRobustly(problem, options.model, result, context));
-  result.dropped = FindMisfits(sightings, shape, result, options);
-  for (const DroppedPicture& dropped : result.dropped) {
-    if (!dropped.camera) result.shot_problem[dropped.shot] = dropped.reason;
+  const SolveTask task = {board, ShapeOf(board), sightings, known, options};
+  const RigCalibration untouched = result;
+  ROTUNDA_RETURN_IF_ERROR(SolveFrom(task, result, context));
+  if (ResidualRms_px(task.shape, result) > options.max_rms_px) {
+    ROTUNDA_RETURN_IF_ERROR(LeaveOutOddShot(task, untouched, result, context));
   }
-  const std::vector<FaceView> fitting = Without(result.found, result.dropped);
-  ROTUNDA_RETURN_IF_ERROR(AdjustFinally(problem, fitting, options, result, context));
+  const RigProblem problem = {board, task.shape, result.priors};
   result.noise = std::sqrt(NoiseVariance(problem, result.kept, result.model, result.free));
+  result.camera_noise = CameraNoise(task.shape, result);
   ROTUNDA_ASSIGN_OR_RETURN(result.uncertainty, UncertaintyOf(problem, sightings, result, context));
-  ExplainMissing(sightings, result);
+  ExplainMissing(sightings, static_cast<size_t>(options.start.min_corners), result);
+  for (const size_t camera : unknown) {
+    result.camera_problem[camera] =
+        "it is not in the calibration that lenses are kept from: calibrate it from several shots, "
+        "without keeping lenses";
+  }
   if (options.frame_from == nullptr) {
     HangFrame(sightings, board.rig_frame, result);
   } else {

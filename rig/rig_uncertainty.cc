@@ -313,9 +313,9 @@ Result<RigUncertainty> BuildUncertainty(const RigProblem& problem,
   return result;
 }
 
-std::vector<FaceView> WithNoise(std::vector<FaceView> views, double scale) {
+std::vector<FaceView> WithNoise(std::vector<FaceView> views, const std::vector<double>& noise) {
   for (FaceView& view : views) {
-    for (SeenCorner& corner : view.corners) corner.sigma_px *= scale;
+    for (SeenCorner& corner : view.corners) corner.sigma_px *= noise[view.camera];
   }
   return views;
 }

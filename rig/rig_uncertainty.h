@@ -55,8 +55,8 @@ std::vector<size_t> UndeterminedCameras(const RigProblem& problem,
                                         const std::vector<FaceView>& views, const RigModel& model,
                                         const FreeUnknowns& free, RunContext& context);
 
-/// The views with every sigma_px times `scale`.
-std::vector<FaceView> WithNoise(std::vector<FaceView> views, double scale);
+/// The views with every sigma_px times its camera's `noise`.
+std::vector<FaceView> WithNoise(std::vector<FaceView> views, const std::vector<double>& noise);
 
 /// Sum of squared errors in units of sigma_px, over the redundancy: the noise variance in units of
 /// the detector's, at a least-squares solution.

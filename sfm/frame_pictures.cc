@@ -11,11 +11,8 @@ namespace {
 Result<cv::Mat> Checked(const Frame& frame, const std::filesystem::path& file) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::string bytes, ReadFile(file));
   ROTUNDA_ASSIGN_OR_RETURN(const cv::Mat bgr, DecodePicture(bytes, frame.pixel_format, file));
-  if (const std::string found = Xxh3Text(bytes); !frame.xxh3.empty() && found != frame.xxh3) {
-    return Error{ErrorCode::kBadInput,
-                 "the picture was changed after the capture: its checksum is " + found +
-                     ", the frame set says " + frame.xxh3,
-                 file.string()};
+  if (const std::string changed = ChecksumProblem(bytes, frame.xxh3); !changed.empty()) {
+    return Error{ErrorCode::kBadInput, changed, file.string()};
   }
   const bool size_known = frame.width_px > 0 && frame.height_px > 0;
   if (size_known && (bgr.cols != frame.width_px || bgr.rows != frame.height_px)) {

@@ -53,15 +53,31 @@ bool SameFile(const fs::path& a, const fs::path& b) {
          fs::weakly_canonical(fs::absolute(b, ignored), ignored);
 }
 
+/// What is read may not be written: refused when `file` is one of these.
+Status CheckNoInput(const CalibrateArguments& arguments, const fs::path& file) {
+  const std::pair<const char*, std::optional<fs::path>> inputs[] = {
+      {"--board", arguments.board},
+      {"--fix-intrinsics-from", arguments.intrinsics_from},
+      {"--frame-from", arguments.frame_from},
+      {"--compare", arguments.compare}};
+  for (const auto& [option, input] : inputs) {
+    if (!input || !SameFile(file, *input)) continue;
+    return Error{ErrorCode::kInvalidArgument,
+                 std::string("is also what ") + option +
+                     " names, which would be lost; expected a file of its own",
+                 file.string()};
+  }
+  return {};
+}
+
 /// Whether what comes of the work can be written: asked before it.
 Status CheckOutputs(const CalibrateArguments& arguments) {
   for (const auto& [option, file] :
        {std::pair("--out", std::optional(arguments.out)), {"--report", arguments.report}}) {
     if (!file) continue;
     if (const Status place = CheckOutputFile(*file); !place.ok()) return place.error().In(option);
-    if (SameFile(*file, arguments.board)) {
-      return Error{ErrorCode::kInvalidArgument, "is the board file, which would be lost",
-                   std::string(option) + ": " + file->string()};
+    if (const Status own = CheckNoInput(arguments, *file); !own.ok()) {
+      return own.error().In(option);
     }
   }
   if (!arguments.report || !SameFile(arguments.out, *arguments.report)) return {};
@@ -252,8 +268,13 @@ Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& commo
   }
   ROTUNDA_RETURN_IF_ERROR(WriteCalibration(outcome.calibration, arguments.out));
   if (arguments.report) {
-    ROTUNDA_RETURN_IF_ERROR(
-        WriteFileAtomically(*arguments.report, daemon::CalibrationPage(task, outcome)));
+    const Status page =
+        WriteFileAtomically(*arguments.report, daemon::CalibrationPage(task, outcome));
+    if (!page.ok()) {
+      Error error = page.error().In("--report");
+      error.message += "; the calibration itself is whole in " + arguments.out.string();
+      return error;
+    }
   }
   const std::vector<StageCost> costs = progress.Finish();
   if (common.json) {
@@ -267,9 +288,11 @@ Status Calibrate(const CalibrateArguments& arguments, const CommonOptions& commo
 /// Options that name an earlier calibration.
 void AddEarlier(CLI::App* command, CalibrateArguments& arguments) {
   command
-      ->add_option("--fix-intrinsics-from", arguments.intrinsics_from,
-                   "Keep the lenses of this calibration, its rig frame and the target as it was "
-                   "found then: one shot is enough. The board file must be of the same target")
+      ->add_option(
+          "--fix-intrinsics-from", arguments.intrinsics_from,
+          "Keep the lenses of this calibration, its rig frame and the target as it was "
+          "found then: one shot is enough. The board file must be of the same target; cameras that "
+          "it does not have are left out")
       ->type_name("FILE");
   command
       ->add_option("--frame-from", arguments.frame_from,

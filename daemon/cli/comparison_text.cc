@@ -43,6 +43,7 @@ Json ComparisonJson(const rig::CalibrationComparison& comparison) {
           {"cameras", cameras},
           {"only_before", comparison.only_before},
           {"only_after", comparison.only_after},
+          {"not_calibrated", comparison.not_calibrated},
           {"changes", rig::ChangesIn(comparison)}};
 }
 

@@ -56,8 +56,9 @@ Json FitJson(const CameraFit& fit) {
 }
 
 CameraFit ReadFit(const JsonField& object) {
-  return {object["corners"].Unsigned(), object["kept"].Unsigned(), object["rms_px"].Number(),
-          object["projection_mean_px"].Number(), object["projection_max_px"].Number()};
+  return {object["corners"].Unsigned(), object["kept"].Unsigned(),
+          ReadNotNegative(object["rms_px"]), ReadNotNegative(object["projection_mean_px"]),
+          ReadNotNegative(object["projection_max_px"])};
 }
 
 Json CameraJson(const CalibratedCamera& camera) {
@@ -134,8 +135,8 @@ CalibratedFace ReadFace(const JsonField& object) {
   const std::vector<double> bow_m = object["bow_m"].Numbers(2);
   face.bow_m = Eigen::Vector2d(bow_m[0], bow_m[1]);
   if (const JsonField sigma = object["sigma"]; sigma.present()) {
-    face.sigma = FaceSigma{sigma["rotation_deg"].Number(), sigma["position_mm"].Number(),
-                           sigma["bow_mm"].Number()};
+    face.sigma = FaceSigma{ReadNotNegative(sigma["rotation_deg"]),
+                           ReadNotNegative(sigma["position_mm"]), ReadNotNegative(sigma["bow_mm"])};
   }
   if (object["print"].present()) face.print = ReadPrint(object["print"]);
   return face;
@@ -175,11 +176,11 @@ CalibrationResiduals ReadResiduals(const JsonField& object) {
   CalibrationResiduals residuals;
   residuals.corners = object["corners"].Unsigned();
   residuals.kept = object["kept"].Unsigned();
-  residuals.rms_px = object["rms_px"].Number();
-  residuals.noise = object["noise"].Number();
+  residuals.rms_px = ReadNotNegative(object["rms_px"]);
+  residuals.noise = ReadNotNegative(object["noise"]);
   const auto read = [&](const char* name) -> std::optional<double> {
     if (!object[name].present()) return std::nullopt;
-    return object[name].Number();
+    return ReadNotNegative(object[name]);
   };
   residuals.held_out_rms_px = read("held_out_rms_px");
   residuals.held_out_p95_px = read("held_out_p95_px");

@@ -13,4 +13,11 @@ std::string Xxh3Text(std::string_view bytes) {
   return text;
 }
 
+std::string ChecksumProblem(std::string_view bytes, const std::string& expected) {
+  const std::string found = Xxh3Text(bytes);
+  if (expected.empty() || found == expected) return "";
+  return "the picture was changed after the capture: its checksum is " + found +
+         ", the frame set says " + expected;
+}
+
 }  // namespace rotunda

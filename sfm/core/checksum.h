@@ -9,4 +9,8 @@ namespace rotunda {
 /// pictures.
 std::string Xxh3Text(std::string_view bytes);
 
+/// That a picture is not what the frame set says by its checksum; empty when it is, or when
+/// `expected` is empty (not known).
+std::string ChecksumProblem(std::string_view bytes, const std::string& expected);
+
 }  // namespace rotunda

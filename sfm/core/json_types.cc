@@ -103,11 +103,17 @@ Json SigmaJson(const PoseSigma& sigma) {
   return object;
 }
 
+double ReadNotNegative(const JsonField& field) {
+  const double value = field.Number();
+  if (value < 0) field.Refuse("a number of at least 0");
+  return value;
+}
+
 PoseSigma ReadSigma(const JsonField& field) {
   PoseSigma sigma;
-  sigma.rotation_deg = field["rotation_deg"].Number();
-  sigma.position_mm = field["position_mm"].Number();
-  if (field["focal_px"].present()) sigma.focal_px = field["focal_px"].Number();
+  sigma.rotation_deg = ReadNotNegative(field["rotation_deg"]);
+  sigma.position_mm = ReadNotNegative(field["position_mm"]);
+  if (field["focal_px"].present()) sigma.focal_px = ReadNotNegative(field["focal_px"]);
   return sigma;
 }
 

@@ -24,6 +24,8 @@ CameraIntrinsics ReadIntrinsics(const JsonField& object);
 nlohmann::ordered_json Rigid3Json(const Rigid3& transform);
 Rigid3 ReadRigid3(const JsonField& field);
 nlohmann::ordered_json SigmaJson(const PoseSigma& sigma);
+/// Refuses negative numbers: of standard deviations and lengths of errors.
+double ReadNotNegative(const JsonField& field);
 PoseSigma ReadSigma(const JsonField& field);
 
 }  // namespace rotunda

@@ -13,4 +13,10 @@ std::string ListOfNames(const std::vector<std::string>& names) {
   return text;
 }
 
+std::string Joined(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
 }  // namespace rotunda

@@ -59,9 +59,14 @@ void KeepRatios(const std::string& run, double rotation, double position, Verdic
   }
 }
 
+/// `needed`: pictures that are not there are as bad as a broken limit.
 void KeepReal(const std::string& run, const std::optional<RealFit>& fit, const RealLimits& limits,
-              Verdict& verdict) {
+              bool needed, Verdict& verdict) {
+  verdict.Must(run + ": its pictures are there", fit.has_value() || !needed);
   if (!fit) return;
+  for (const std::string& doubt : fit->doubts) {
+    verdict.Must(run + ": no doubt of '" + doubt + "'", false);
+  }
   verdict.AtMost(run + ": RMS, px", fit->rms_px, limits.rms_px);
   verdict.AtLeast(run + ": corners kept (share)", fit->kept, limits.kept);
   verdict.AtLeast(run + ": cameras and shots posed (share)", fit->posed, 1);
@@ -240,12 +245,12 @@ void BenchRendered(const Arguments& arguments, ThreadPool& threads, Verdict& ver
   verdict.AtMost("rendered: solving, s", run.seconds, kMaxSolving_s);
 }
 
-void BenchRealSets(ThreadPool& threads, Verdict& verdict) {
+void BenchRealSets(bool needed, ThreadPool& threads, Verdict& verdict) {
   const fs::path source = ROTUNDA_SOURCE_DIR;
   const char* shared = std::getenv("ROTUNDA_SHARED");
   const fs::path data = (shared ? fs::path(shared) : source.parent_path() / "shared") / "data";
   const auto bench = [&](const char* board, const char* set, const RealLimits& limits) {
-    KeepReal(set, BenchReal(source / "config/boards" / board, data / set, threads), limits,
+    KeepReal(set, BenchReal(source / "config/boards" / board, data / set, threads), limits, needed,
              verdict);
   };
   bench("charuco-cube.toml", "charuco-cube", kCube);
@@ -261,7 +266,8 @@ int Main(int argc, char** argv) {
       "calibration");
   app.add_option("--parts", arguments.parts,
                  "Of projected (corners), moved (cameras), mean (inputs), real (pictures, from "
-                 "../shared or $ROTUNDA_SHARED), rendered (all pictures; a quarter of an hour)")
+                 "../shared or $ROTUNDA_SHARED; must be there when this part is named), rendered "
+                 "(all pictures; a quarter of an hour)")
       ->delimiter(',')
       ->check(CLI::IsMember(arguments.parts))
       ->capture_default_str();
@@ -282,7 +288,8 @@ int Main(int argc, char** argv) {
     BenchProjected(arguments.projected, arguments.seeds, threads, verdict);
   if (parts.contains("moved")) BenchMoved(arguments.projected, arguments.moved, threads, verdict);
   if (parts.contains("mean")) BenchMeanInputs(threads, verdict);
-  if (parts.contains("real")) BenchRealSets(threads, verdict);
+  const bool named = app.count("--parts") > 0;
+  if (parts.contains("real")) BenchRealSets(named, threads, verdict);
   if (parts.contains("rendered")) BenchRendered(arguments, threads, verdict);
   return verdict.broken() == 0 ? 0 : 1;
 }

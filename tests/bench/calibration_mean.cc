@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "rig/calibration_checks.h"
 #include "rig/calibration_comparison.h"
 #include "rig/marker_detection.h"
 #include "rig/sim/board_object.h"
@@ -21,6 +20,8 @@
 
 namespace rotunda::bench {
 namespace {
+
+namespace fs = std::filesystem;
 
 constexpr int kShots = 6;
 constexpr size_t kCameras = 18;
@@ -51,7 +52,7 @@ World Render(const test::TemporaryFolder& folder, ThreadPool& threads) {
   world.options.cameras = static_cast<int>(kCameras);
   world.options.picture_scale = 0.5;
   world.options.seed = 1;
-  const std::filesystem::path shots = folder / "shots";
+  const fs::path shots = folder / "shots";
   OrDie(sim::SimulatePlacements(world.rig, world.options, kShots, shots, context));
   world.truth = OrDie(ReadCalibration(shots / "placement_00" / "truth.json"));
   world.pictures = OrDie(rig::FindShots({shots}));
@@ -269,13 +270,18 @@ void Print(const std::vector<Named>& said) {
 /// calibration as a whole doubtful.
 void KeepTrust(const std::string& name, const World& world, const CalibrationRun& run,
                Verdict& verdict) {
-  const rig::Board& board = world.options.board;
-  const auto checks = rig::CheckCameras(board, world.sightings, run.result, {});
-  std::vector<std::string> doubts = rig::DoubtsOnFit(run.file, checks, nullptr, {});
-  doubts.push_back(rig::DoubtOnBoard(board, world.sightings, &run.result, {}));
-  for (const std::string& doubt : doubts) {
-    verdict.Must(name + ": no doubt of '" + doubt + "'", doubt.empty());
+  for (const std::string& doubt : DoubtsOn(world.options.board, world.sightings, run)) {
+    verdict.Must(name + ": no doubt of '" + doubt + "'", false);
   }
+}
+
+/// The calibration is read back from its file as it was written.
+void KeepFile(const std::string& name, const Calibration& calibration, Verdict& verdict) {
+  const test::TemporaryFolder folder;
+  const fs::path file = folder / "calibration.json";
+  OrDie(WriteCalibration(calibration, file));
+  verdict.Must(name + ": the file written is read as it was",
+               CalibrationToJson(OrDie(ReadCalibration(file))) == CalibrationToJson(calibration));
 }
 
 /// Spoils the pictures, calibrates, prints what came of it and judges that.
@@ -294,6 +300,7 @@ void BenchRow(const MeanInput& input, const World& clean, const Calibration& ear
   verdict.AtMost(input.name + ": mean rotation, deg", errors.mean_rotation_deg, kMaxRotation_deg);
   verdict.AtMost(input.name + ": mean position, mm", errors.mean_position_mm, kMaxPosition_mm);
   KeepTrust(input.name, world, run, verdict);
+  KeepFile(input.name, run.file, verdict);
   const std::vector<Named> left_out = LeftOut(world, run.result);
   Print(left_out);
   MustSay(input.name, left_out, expected.left_out, verdict);

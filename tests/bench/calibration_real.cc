@@ -14,7 +14,7 @@
 namespace rotunda::bench {
 namespace {
 
-RealFit PrintFit(const TimedSightings& timed, const CalibrationRun& run) {
+RealFit PrintFit(const rig::Board& board, const TimedSightings& timed, const CalibrationRun& run) {
   const rig::BoardSightings& sightings = timed.sightings;
   size_t shots = 0;
   for (const auto& shot : run.result.model.rig_from_board) shots += shot.has_value();
@@ -24,17 +24,19 @@ RealFit PrintFit(const TimedSightings& timed, const CalibrationRun& run) {
   };
   const RealFit fit = {residuals.rms_px, share(residuals.kept, residuals.corners),
                        std::min(share(run.file.cameras.size(), sightings.cameras.size()),
-                                share(shots, sightings.shots.size()))};
+                                share(shots, sightings.shots.size())),
+                       DoubtsOn(board, sightings, run)};
   std::printf("  cameras %zu of %zu, shots %zu of %zu, kept %zu of %zu corners (%.1f %%)\n",
               run.file.cameras.size(), sightings.cameras.size(), shots, sightings.shots.size(),
               residuals.kept, residuals.corners, 100 * fit.kept);
   std::printf(
       "  RMS %.3f px, held-out RMS %.3f px, P95 %.3f px; noise %.2f times the detector's sigma; "
       "halves over sigma: rotation %.2f, position %.2f\n",
-      residuals.rms_px, run.validation.held_out_rms_px, run.validation.held_out_p95_px,
-      run.result.noise, run.validation.rotation_ratio.value_or(NAN),
-      run.validation.position_ratio.value_or(NAN));
+      residuals.rms_px, run.validation.held_out_rms_px.value_or(NAN),
+      run.validation.held_out_p95_px.value_or(NAN), run.result.noise,
+      run.validation.rotation_ratio.value_or(NAN), run.validation.position_ratio.value_or(NAN));
   std::printf("  time: %s%s\n", timed.TimeText().c_str(), run.times.c_str());
+  for (const std::string& doubt : fit.doubts) std::printf("  doubt: %s\n", doubt.c_str());
   return fit;
 }
 
@@ -134,7 +136,7 @@ std::optional<RealFit> BenchReal(const std::filesystem::path& board_file,
   const rig::Board board = OrDie(config::ReadBoard(board_file));
   const TimedSightings timed = Detect(folder, board, threads);
   const CalibrationRun run = Calibrate(board, timed.sightings, {}, threads);
-  RealFit fit = PrintFit(timed, run);
+  RealFit fit = PrintFit(board, timed, run);
   if (board.faces.size() > 1) {
     PrintFaces(board, run);
     return fit;
@@ -143,7 +145,7 @@ std::optional<RealFit> BenchReal(const std::filesystem::path& board_file,
   std::printf("  with k3 (--model opencv5)\n");
   const CalibrationRun with_k3 =
       Calibrate(board, timed.sightings, {.model = rig::LensModel::kOpencv5}, threads);
-  PrintFit(timed, with_k3);
+  PrintFit(board, timed, with_k3);
   fit.peer_sigmas = CompareWithMrcal(board, timed.sightings, with_k3, "LENSMODEL_OPENCV5");
   return fit;
 }

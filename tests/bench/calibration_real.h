@@ -2,6 +2,8 @@
 
 #include <filesystem>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "sfm/core/run_context.h"
 
@@ -10,8 +12,9 @@ namespace rotunda::bench {
 /// What a calibration of real cameras reached, with the lens model of the command's default.
 struct RealFit {
   double rms_px = 0;
-  double kept = 0;   // share of the corners found
-  double posed = 0;  // share of the cameras, or of the shots when that is less
+  double kept = 0;                       // share of the corners found
+  double posed = 0;                      // share of the cameras, or of the shots when that is less
+  std::vector<std::string> doubts = {};  // what the command would say of it
   /// Greatest difference from mrcal's result, both with k3, over both sigmas: of a camera's focal
   /// length, rotation and position. nullopt for boards that mrcal does not know.
   std::optional<double> peer_sigmas = std::nullopt;

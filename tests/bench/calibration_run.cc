@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "rig/calibration_doubts.h"
 #include "sfm/core/evaluate.h"
 #include "tests/bench/bench_process.h"
 #include "tests/support/projected_corners.h"
@@ -78,6 +79,15 @@ CalibrationRun Calibrate(const rig::Board& board, const rig::BoardSightings& sig
   return run;
 }
 
+std::vector<std::string> DoubtsOn(const rig::Board& board, const rig::BoardSightings& sightings,
+                                  const CalibrationRun& run) {
+  std::vector<std::string> doubts =
+      rig::DoubtsOnFit(run.file, rig::CheckCameras(board, sightings, run.result, {}), nullptr, {});
+  const std::string on_board = rig::DoubtOnBoard(board, sightings, &run.result, {});
+  if (!on_board.empty()) doubts.push_back("the board file " + on_board);
+  return doubts;
+}
+
 std::string TimedSightings::TimeText() const {
   char text[96];
   std::snprintf(text, sizeof(text), "detection %.1f s (%zu pictures, %.2f cores busy)  ", seconds,
@@ -126,7 +136,7 @@ TruthErrors PrintAgainstTruth(const rig::Board& board, const CalibrationRun& run
       errors.mean_position_mm, errors.max_position_mm, means.focal_percent, means.board_mm,
       means.rotation_ratio, means.position_ratio,
       100 * static_cast<double>(residuals.kept) / static_cast<double>(residuals.corners),
-      run.validation.held_out_rms_px, run.validation.held_out_p95_px,
+      run.validation.held_out_rms_px.value_or(NAN), run.validation.held_out_p95_px.value_or(NAN),
       run.validation.rotation_ratio.value_or(NAN), run.validation.position_ratio.value_or(NAN));
   std::fflush(stdout);
   return means;

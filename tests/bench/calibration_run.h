@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "rig/board_sightings.h"
 #include "rig/calibration_result.h"
@@ -26,6 +27,10 @@ struct CalibrationRunOptions {
 /// Ends the program when the calibration fails.
 CalibrationRun Calibrate(const rig::Board& board, const rig::BoardSightings& sightings,
                          const CalibrationRunOptions& options, ThreadPool& threads);
+
+/// What makes the calibration or the board file doubtful, a sentence each.
+std::vector<std::string> DoubtsOn(const rig::Board& board, const rig::BoardSightings& sightings,
+                                  const CalibrationRun& run);
 
 /// The board in all pictures of a folder of shots, and how long that took.
 struct TimedSightings {

@@ -1,11 +1,14 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "daemon/calibration_job.h"
 #include "daemon/reconstruction_job.h"
 #include "daemon/reconstruction_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
+#include "rig/sim/simulate.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
@@ -142,9 +145,15 @@ TEST(CalibrationJob, TheRequestIsChecked) {
   EXPECT_EQ(handler.refers("{\"captures\": [\"x\", \"y\"]}").error().code, ErrorCode::kNotFound);
   EXPECT_EQ(handler.refers("{\"captures\": [\"x\"], \"compare\": \"none\"}").error().code,
             ErrorCode::kNotFound);
-  for (const char* body : {"{}", "{\"captures\": []}", "{\"captures\": \"x\"}",
-                           "{\"captures\": [1]}", "{\"captures\": [\"x\"], \"model\": \"fish\"}",
-                           "{\"captures\": [\"x\"], \"board\": \"/etc/passwd\"}"}) {
+  EXPECT_NE(handler.check("{\"captures\": [\"x\", \"y\", \"x\"]}")
+                .error()
+                .ToString()
+                .find("captures: capture \"x\" is named twice"),
+            std::string::npos);
+  for (const char* body :
+       {"{}", "{\"captures\": []}", "{\"captures\": [\"x\", \"x\"]}", "{\"captures\": \"x\"}",
+        "{\"captures\": [1]}", "{\"captures\": [\"x\"], \"model\": \"fish\"}",
+        "{\"captures\": [\"x\"], \"board\": \"/etc/passwd\"}"}) {
     EXPECT_EQ(handler.check(body).error().code, ErrorCode::kInvalidArgument) << body;
   }
 }
@@ -202,6 +211,92 @@ TEST(CalibrationJob, IsNotKeptFromItsWorkByTheCalibrationInForce) {
   ASSERT_TRUE(WriteFileAtomically(store.CalibrationFolder("old") / "calibration.json", "{").ok());
   EXPECT_EQ(error_of(body), no_board);
   EXPECT_NE(error_of(compare).find("calibration.json"), std::string::npos) << error_of(compare);
+}
+
+/// Shots of the target by a small simulated rig.
+class MadeCalibration : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new test::TemporaryFolder;
+    ThreadPool pool(0);
+    RunContext context{pool};
+    sim::SimulateOptions options;
+    options.target = sim::Target::kCuboid;
+    options.background = sim::Background::kPlain;
+    options.cameras = 4;
+    options.picture_scale = 0.5;
+    options.seed = 1;
+    const Status made = sim::SimulatePlacements({}, options, 3, *folder_ / "shots", context);
+    ASSERT_TRUE(made.ok()) << made.error().ToString();
+  }
+  static void TearDownTestSuite() { delete folder_; }
+
+  static CalibrationTask Task() {
+    CalibrationTask task;
+    task.framesets = {*folder_ / "shots"};
+    task.board = rig::CuboidBoard({});
+    return task;
+  }
+  static EarlierCalibration Truth() {
+    return {ReadCalibration(*folder_ / "shots/placement_00/truth.json").value(), "monday"};
+  }
+  static Result<CalibrationOutcome> Make(const CalibrationTask& task) {
+    ThreadPool pool(0);
+    RunContext context{pool};
+    return MakeCalibration(task, context);
+  }
+  static bool Noted(const CalibrationOutcome& outcome, const std::string& text) {
+    return std::any_of(outcome.notes.begin(), outcome.notes.end(), [&](const std::string& note) {
+      return note.find(text) != std::string::npos;
+    });
+  }
+
+  static test::TemporaryFolder* folder_;
+};
+test::TemporaryFolder* MadeCalibration::folder_ = nullptr;
+
+TEST_F(MadeCalibration, IsNotRefusedForTheComparisonThatNobodyAskedFor) {
+  CalibrationTask task = Task();
+  task.compare = Truth();
+  for (CalibratedCamera& camera : task.compare->calibration.cameras) camera.camera += "x";
+  EXPECT_FALSE(Make(task).ok());
+  task.compare_asked_for = false;
+  task.not_compared = "the one in force cannot be read";
+  const auto made = Make(task);
+  ASSERT_TRUE(made.ok()) << made.error().ToString();
+  EXPECT_EQ(made->calibration.cameras.size(), 4u);
+  EXPECT_FALSE(made->comparison.has_value());
+  EXPECT_TRUE(Noted(*made, "not compared with monday: "));
+  EXPECT_TRUE(Noted(*made, "the one in force cannot be read"));
+}
+
+TEST_F(MadeCalibration, FromOneShotNeedsNoShotForTheFrame) {
+  CalibrationTask task = Task();
+  task.framesets = {*folder_ / "shots/placement_02"};
+  task.board.rig_frame.shot = "simulated-1-placement-0";
+  EXPECT_FALSE(Make(task).ok());
+  task.intrinsics_from = Truth();
+  const auto made = Make(task);
+  ASSERT_TRUE(made.ok()) << made.error().ToString();
+  EXPECT_EQ(made->result.frame, "the earlier calibration's");
+}
+
+TEST_F(MadeCalibration, NamesPicturesThatWereChangedAndCamerasThatAreMissing) {
+  const fs::path shot = *folder_ / "changed";
+  fs::copy(*folder_ / "shots/placement_02", shot, fs::copy_options::recursive);
+  CalibrationTask task = Task();
+  task.framesets = {shot};
+  task.intrinsics_from = task.compare = Truth();
+  const std::string camera = Truth().calibration.cameras[1].camera;
+  fs::copy_file(shot / "frames" / (Truth().calibration.cameras[0].camera + ".png"),
+                shot / "frames" / (camera + ".png"), fs::copy_options::overwrite_existing);
+  const auto made = Make(task);
+  ASSERT_TRUE(made.ok()) << made.error().ToString();
+  EXPECT_TRUE(Noted(*made, camera + " in simulated-1-placement-2 was left out: cannot be read: the "
+                                    "picture was changed after the capture"))
+      << testing::PrintToString(made->notes);
+  ASSERT_TRUE(made->comparison.has_value());
+  EXPECT_EQ(made->comparison->not_calibrated, std::vector<std::string>{camera});
 }
 
 TEST(CalibrationIds, AreMadeOfTheTimeOfTheNewestShot) {

@@ -297,6 +297,20 @@ TEST(DetectBoard, BoardsOfDifferentDictionariesAreOneTarget) {
   }
 }
 
+TEST(DetectBoard, MarkersTooSmallToBeReadAreToldInPicturesOfTheRigsSize) {
+  const Board board = FlatBoard("APRILTAG_36h11");
+  constexpr double kScale = 9.0 / 30;  // markers of 9 px
+  cv::Mat small, picture(1600, 1200, CV_8UC1, cv::Scalar(200));
+  cv::resize(Draw(board.faces[0]), small, {}, kScale, kScale, cv::INTER_AREA);
+  small.copyTo(picture(cv::Rect({900, 1300}, small.size())));
+  const BoardDetection detection = Detect(picture, board);
+  EXPECT_EQ(detection.unusable, "");
+  EXPECT_EQ(detection.few_markers.find("small: its markers are about 9 px wide, to be read they "
+                                       "must be 16 px"),
+            0u)
+      << detection.few_markers;
+}
+
 TEST(DetectBoard, AnEmptyPictureIsADetectionWithoutCorners) {
   const BoardDetection detection =
       Detect(cv::Mat(200, 300, CV_8UC1, cv::Scalar(90)), FlatBoard("APRILTAG_36h11"));

@@ -3,12 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 
 #include "rig/rig_model.h"
 #include "rig/sim/calibrated_rig.h"
 #include "rig/sim/noise.h"
 #include "rig/sim/rig_options.h"
+#include "sfm/core/statistics.h"
 
 namespace rotunda::rig {
 namespace {
@@ -69,6 +71,13 @@ TEST(CalibrationComparison, AnotherRigsCalibrationIsToldAndNotCountedAway) {
   const std::vector<std::string> changes = ChangesIn(*comparison);
   ASSERT_FALSE(changes.empty());
   EXPECT_NE(changes[0].find("not of the same rig"), std::string::npos) << changes[0];
+  // The sigmas are those of the calibrations, and not counted down by the scatter.
+  std::vector<double> sigmas;
+  for (const CameraChange& change : comparison->cameras) {
+    sigmas.push_back(change.sigmas);
+    EXPECT_EQ(change.moved, change.sigmas > comparison->sigmas_limit) << change.camera;
+  }
+  EXPECT_NEAR(Median(sigmas), comparison->inflation, 0.1 * comparison->inflation);
   for (const std::string& change : ChangesIn(*CompareCalibrations(Draw(1), Draw(2), {}))) {
     EXPECT_EQ(change.find("not of the same rig"), std::string::npos) << change;
   }
@@ -122,10 +131,18 @@ TEST(CalibrationComparison, MissingAndNewCamerasAndOtherSerialsAreListed) {
   before.cameras.pop_back();
   after.cameras.erase(after.cameras.begin());
   after.cameras[3].serial = "other";
-  const auto comparison = CompareCalibrations(before, after, {});
+  auto comparison = CompareCalibrations(before, after, {});
   ASSERT_TRUE(comparison.ok());
   EXPECT_EQ(comparison->only_before, std::vector<std::string>{"c00r0"});
   EXPECT_EQ(comparison->only_after, std::vector<std::string>{"c14r5"});
+  const auto said = [&](const std::string& text) {
+    const std::vector<std::string> changes = ChangesIn(*comparison);
+    return std::find(changes.begin(), changes.end(), text) != changes.end();
+  };
+  EXPECT_TRUE(said("c00r0 is only in the earlier calibration"));
+  EXPECT_TRUE(said("c14r5 is only in the later calibration"));
+  comparison->not_calibrated = {"c00r0"};
+  EXPECT_TRUE(said("c00r0 was not calibrated this time"));
   for (const CameraChange& change : comparison->cameras) {
     EXPECT_EQ(change.other_serial, change.camera == after.cameras[3].camera);
   }

@@ -124,6 +124,12 @@ TEST(CalibrationReport, EveryReasonHasANameAndARemedyOfItsOwn) {
   }
 }
 
+TEST(CalibrationReport, WhatWasNotHeldOutHasNoFigure) {
+  const std::string html = ReportOf(SmallWorld());
+  EXPECT_NE(html.find("<dt>Held out</dt><dd>–<small>too few corners"), std::string::npos);
+  EXPECT_NE(html.find("<dt>Two halves</dt><dd>–<small>too few corners"), std::string::npos);
+}
+
 TEST(CalibrationReport, WhatMovedStandsOnTopAndWithTheSigmasOfBothInTheTable) {
   const test::ProjectedRig world = SmallWorld();
   Calibration earlier = world.truth;
@@ -135,10 +141,12 @@ TEST(CalibrationReport, WhatMovedStandsOnTopAndWithTheSigmasOfBothInTheTable) {
   const std::string html = ReportOf(world, earlier);
   const size_t verdict = html.find("verdict look"), tiles = html.find("card tiles");
   ASSERT_NE(verdict, std::string::npos);
-  for (const std::string& told : {moved + " moved by ", std::string("z-gone is gone")}) {
+  for (const std::string& told :
+       {moved + " moved by ", std::string("z-gone is only in the earlier calibration")}) {
     const size_t place = html.find(told, verdict);
     EXPECT_LT(place, tiles) << told;
   }
+  EXPECT_NE(html.find("<h2>2 changes</h2>"), std::string::npos) << "there are no notes";
   EXPECT_NE(html.find("<td>0.625, "), std::string::npos);
   EXPECT_NE(html.find("<td>0.0125, "), std::string::npos);
 }

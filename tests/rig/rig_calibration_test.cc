@@ -7,6 +7,7 @@
 
 #include "rig/calibration_checks.h"
 #include "rig/calibration_comparison.h"
+#include "rig/calibration_doubts.h"
 #include "rig/calibration_report.h"
 #include "rig/calibration_result.h"
 #include "sfm/core/evaluate.h"
@@ -93,7 +94,8 @@ TEST(RigCalibration, OneShotIsEnoughWithKnownLensesAndTarget) {
   daily.shots = 1;
   daily.first_placement = 40;
   daily.noise_seed = 77;
-  const ProjectedRig today = ProjectCorners(daily);
+  ProjectedRig today = ProjectCorners(daily);
+  today.board.rig_frame.shot = "the first calibration's";  // the frame comes from that one
   RigCalibrationOptions options;
   options.intrinsics_from = options.frame_from = &earlier;
   options.model = LensModel::kOpencv5;  // of no effect on lenses that are kept
@@ -156,14 +158,19 @@ TEST(RigCalibration, HeldOutCornersAndHalvesAgreeWithTheNoise) {
   const auto validation = CrossValidate(world.board, *result, {}, context);
   ASSERT_TRUE(validation.ok()) << validation.error().ToString();
   const double rms_px = AsFile(world, *result).residuals->rms_px;
-  EXPECT_GT(validation->held_out_rms_px, rms_px);
-  EXPECT_LT(validation->held_out_rms_px, 1.1 * rms_px);
-  EXPECT_GT(validation->held_out_p95_px, validation->held_out_rms_px);
+  EXPECT_GT(*validation->held_out_rms_px, rms_px);
+  EXPECT_LT(*validation->held_out_rms_px, 1.1 * rms_px);
+  EXPECT_GT(*validation->held_out_p95_px, *validation->held_out_rms_px);
   ASSERT_TRUE(validation->rotation_ratio && validation->position_ratio);
   EXPECT_GT(*validation->rotation_ratio, 0.6);
   EXPECT_LT(*validation->rotation_ratio, 1.5);
   EXPECT_GT(*validation->position_ratio, 0.6);
   EXPECT_LT(*validation->position_ratio, 1.5);
+
+  const CrossValidation nothing_held_out;
+  const auto file = ToCalibration(world.board, world.sightings, *result, &nothing_held_out);
+  EXPECT_FALSE(file.residuals->held_out_rms_px.has_value());
+  EXPECT_FALSE(file.residuals->held_out_p95_px.has_value());
 }
 
 TEST(RigCalibration, FacesOfUnknownPlaceAreFoundFromThePictures) {
@@ -232,6 +239,24 @@ TEST(RigCalibration, AShotInWhichTheBoardMovedIsLeftOutByName) {
   EXPECT_LT(errors->mean_position_mm, 0.25);
 }
 
+TEST(RigCalibration, AShotOfAnotherRigIsLeftOutByName) {
+  ProjectedOptions options = SmallRig(1);
+  options.cameras = 8;
+  options.shots = 3;
+  ProjectedRig world = ProjectCorners(options);
+  options.rig_seed = 2;
+  world.sightings.sightings[2] = ProjectCorners(options).sightings.sightings[2];
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  EXPECT_EQ(result->shot_problem[0] + result->shot_problem[1], "");
+  EXPECT_EQ(result->shot_problem[2].find("it does not agree with the other shots"), 0u)
+      << result->shot_problem[2];
+  const auto errors = EvaluateCalibration(AsFile(world, *result), world.truth);
+  ASSERT_TRUE(errors.ok());
+  EXPECT_EQ(errors->registered, 8u);
+  EXPECT_LT(errors->mean_position_mm, 1.0);
+}
+
 TEST(RigCalibration, TheFrameIsWhereTheBoardFileSaysAndSaysWhenItCannotBe) {
   ProjectedRig world = ProjectCorners(SmallRig(14));
   world.board.rig_frame = {world.sightings.shots[1].id, {0.1, -0.2, 0.05}, RadFromDeg(30)};
@@ -289,6 +314,32 @@ TEST(RigCalibration, AShotGivenTwiceIsRefused) {
   EXPECT_NE(result.error().context.find(world.sightings.shots[4].id), std::string::npos);
   EXPECT_NE(result.error().message.find("'" + world.sightings.shots[1].id + "'"), std::string::npos)
       << result.error().message;
+}
+
+TEST(RigCalibration, ACameraThatSendsAnOldFrameLosesThatPictureAlone) {
+  ProjectedRig world = ProjectCorners(SmallRig(14));
+  auto& rows = world.sightings.sightings;
+  rows[4][7] = rows[1][7];
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result) << result.error().ToString();
+  ASSERT_EQ(result->dropped.size(), 1u);
+  EXPECT_EQ(result->dropped[0].shot, 4u);
+  EXPECT_EQ(result->dropped[0].camera, 7u);
+  EXPECT_NE(
+      result->dropped[0].reason.find("same picture as its one in " + world.sightings.shots[1].id),
+      std::string::npos)
+      << result->dropped[0].reason;
+  EXPECT_EQ(AsFile(world, *result).cameras.size(), 30u);
+
+  for (size_t c = 0; c < 15; ++c) rows[4][c] = rows[1][c];
+  const auto half = Calibrate(world);
+  ASSERT_TRUE(half) << half.error().ToString();
+  EXPECT_EQ(half->dropped.size(), 15u);
+  rows[4][15] = rows[1][15];
+  const auto most = Calibrate(world);
+  ASSERT_FALSE(most);
+  EXPECT_NE(most.error().message.find("of 16 of 30 cameras"), std::string::npos)
+      << most.error().message;
 }
 
 TEST(RigCalibration, TwoCamerasSwappedInOneShotAreNamed) {
@@ -362,6 +413,66 @@ TEST(RigCalibration, ABlurredShotIsLeftOutByName) {
       << result->shot_problem[2];
   for (const size_t s : {0, 1, 3, 4, 5}) EXPECT_TRUE(result->shot_problem[s].empty()) << s;
   EXPECT_EQ(AsFile(world, *result).cameras.size(), 30u);
+}
+
+TEST(RigCalibration, ACameraThatReadsTooLittleIsToldHowMuch) {
+  ProjectedRig world = ProjectCorners(SmallRig(13));
+  for (auto& row : world.sightings.sightings) {
+    row[7].detection->corners.resize(5);
+    row[7].detection->markers_found = 2;
+  }
+  RigCalibrationOptions kept;
+  kept.intrinsics_from = &world.truth;
+  for (const RigCalibrationOptions& options : {RigCalibrationOptions(), kept}) {
+    const auto result = Calibrate(world, options);
+    ASSERT_TRUE(result.ok()) << result.error().ToString();
+    const std::string& problem = result->camera_problem[7];
+    EXPECT_EQ(problem.find("no picture shows 8 corners of one face"), 0u) << problem;
+    EXPECT_NE(problem.find("2 of the board's markers were read and 5 corners"), std::string::npos)
+        << problem;
+    EXPECT_EQ(AsFile(world, *result).cameras.size(), 29u);
+  }
+}
+
+TEST(RigCalibration, ACameraWithoutAKeptLensIsLeftOutByName) {
+  const ProjectedRig world = ProjectCorners(SmallRig(13));
+  Calibration earlier = world.truth;
+  earlier.cameras.erase(earlier.cameras.begin() + 7);
+  RigCalibrationOptions options;
+  options.intrinsics_from = options.frame_from = &earlier;
+  const auto result = Calibrate(world, options);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  for (size_t c = 0; c < 30; ++c) {
+    EXPECT_EQ(result->camera_problem[c].find("it is not in the calibration that lenses are kept"),
+              c == 7 ? 0u : std::string::npos)
+        << c;
+  }
+  EXPECT_EQ(AsFile(world, *result).cameras.size(), 29u);
+}
+
+TEST(RigCalibration, ACameraOutOfFocusIsLessSure) {
+  ProjectedRig world = ProjectCorners(SmallRig(15));
+  const auto sharp = Calibrate(world);
+  ASSERT_TRUE(sharp.ok()) << sharp.error().ToString();
+  constexpr double kWorse = 3;
+  // The rig's outlier threshold, 4.5 sigmas, is 1.5 of that camera's: a third of its corners is
+  // cut, the others scatter 2.0 times as much.
+  constexpr double kLessSure = 2.47;
+  ProjectedOptions blurred = SmallRig(15);
+  blurred.noise_px *= kWorse;
+  const ProjectedRig other = ProjectCorners(blurred);
+  for (size_t s = 0; s < world.sightings.shots.size(); ++s) {
+    auto& corners = world.sightings.sightings[s][7].detection->corners;
+    corners = other.sightings.sightings[s][7].detection->corners;
+    for (BoardCorner& corner : corners) corner.sigma_px /= kWorse;  // the detector does not know
+  }
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  for (size_t c = 0; c < 30; ++c) {
+    const double ratio = result->uncertainty.cameras[c]->sigma.position_mm /
+                         sharp->uncertainty.cameras[c]->sigma.position_mm;
+    EXPECT_NEAR(ratio, c == 7 ? kLessSure : 1, 0.15) << c;
+  }
 }
 
 /// Takes what camera `c` sees below `most_px`.
@@ -558,6 +669,10 @@ TEST(CalibrationDoubts, ManyCornersLostAreTold) {
   const auto doubts = DoubtsOnFit(whole.file, whole.checks, nullptr, {});
   ASSERT_TRUE(AnyStartsWith(doubts, "15 % of the corners do not fit"))
       << testing::PrintToString(doubts);
+  Checked turned = whole;
+  std::reverse(turned.file.cameras.begin(), turned.file.cameras.end());
+  EXPECT_EQ(DoubtsOnFit(turned.file, turned.checks, nullptr, {}), doubts)
+      << "cameras are told by name, not by place";
 }
 
 TEST(CalibrationDoubts, ACameraThatLosesManyCornersIsNamedAlone) {
@@ -629,9 +744,27 @@ TEST(CalibrationDoubts, ADrawingThatThePicturesContradictIsTheBoardFiles) {
   EXPECT_NE(DoubtOnBoard(turned.board, turned.sightings, &*refused, {}), "");
 }
 
+TEST(CalibrationDoubts, ShotsOfTwoRigsAreNotTheBoardFilesFault) {
+  ProjectedOptions options = FewCameras(1);
+  options.cameras = 8;
+  options.shots = 2;
+  ProjectedRig world = ProjectCorners(options);
+  options.rig_seed = 2;
+  world.sightings.sightings[1] = ProjectCorners(options).sightings.sightings[1];
+  const auto result = Calibrate(world);
+  ASSERT_TRUE(result.ok()) << result.error().ToString();
+  EXPECT_EQ(DoubtOnBoard(world.board, world.sightings, &*result, {}), "");
+  const Checked whole = Check(world, *result);
+  const auto doubts = DoubtsOnFit(whole.file, whole.checks, nullptr, {});
+  ASSERT_TRUE(AnyStartsWith(doubts, "the corners fit no better than"));
+  EXPECT_NE(doubts[0].find("are all shots of one rig"), std::string::npos) << doubts[0];
+}
+
 TEST(CalibrationDoubts, MisplacedMarkersOfMostCamerasAreTheBoardFilesOfFewTheCameras) {
-  const auto doubt = [](size_t cameras, size_t shots, Rejection kind) {
-    ProjectedRig world = ProjectCorners(SmallRig(25));
+  const auto doubt = [](size_t cameras, size_t shots, Rejection kind, int of = 30) {
+    ProjectedOptions options = SmallRig(25);
+    options.cameras = of;
+    ProjectedRig world = ProjectCorners(options);
     for (size_t s = 0; s < shots; ++s) {
       for (size_t c = 0; c < cameras; ++c) {
         world.sightings.sightings[s][c].detection->rejected.push_back(
@@ -647,6 +780,8 @@ TEST(CalibrationDoubts, MisplacedMarkersOfMostCamerasAreTheBoardFilesOfFewTheCam
   EXPECT_EQ(doubt(15, 6, Rejection::kMisplaced), "") << "half of the cameras";
   EXPECT_EQ(doubt(30, 1, Rejection::kMisplaced), "") << "one shot of six";
   EXPECT_EQ(doubt(30, 6, Rejection::kOnNoFace), "") << "another print stands there";
+  EXPECT_NE(doubt(3, 6, Rejection::kMisplaced, 3), "");
+  EXPECT_EQ(doubt(2, 6, Rejection::kMisplaced, 2), "") << "two may be wrong themselves";
 }
 
 TEST(RigCalibration, PicturesOfAnotherSizeForbidToKeepTheLenses) {

@@ -158,6 +158,26 @@ TEST(CalibrateCommand, CalibratesReportsAndRecalibratesFromOneShot) {
       << doubted.output;
   EXPECT_NE(TextOf(folder / "doubted.html").find("is probably not this target"), std::string::npos);
 
+  // No room for the page: the calibration is not lost, and where it is is told.
+  const fs::path disk = folder / "disk";
+  fs::create_directory(disk);
+  const auto on_small_disk = [&](const std::string& command) {
+    return RunProcess({"unshare", "--user", "--map-root-user", "--mount", "sh", "-c",
+                       "mount -t tmpfs -o size=16k tmpfs " + disk.string() + " && " + command});
+  };
+  if (on_small_disk("true").exit_code == 0) {
+    const ProcessOutcome full = on_small_disk(
+        std::string(ROTUNDA_COMMAND) + " calibrate " + shot(3).string() + " --board " +
+        kCuboid.string() + " --out " + (folder / "kept.json").string() + " --report " +
+        (disk / "page.html").string() + " --fix-intrinsics-from " + whole.string());
+    EXPECT_EQ(full.exit_code, 1);
+    EXPECT_NE(full.errors.find("No space left on device; the calibration itself is whole in " +
+                               (folder / "kept.json").string()),
+              std::string::npos)
+        << full.errors;
+    EXPECT_EQ(TextOf(folder / "kept.json"), TextOf(folder / "daily.json"));
+  }
+
   ASSERT_EQ(calibrate_with(squares, folder / "larger.json").exit_code, 0);
   const ProcessOutcome larger =
       RunProcess({ROTUNDA_COMMAND, "compare", whole, folder / "larger.json"});
@@ -186,8 +206,29 @@ TEST(CalibrateCommand, WhatCannotBeWrittenIsRefusedBeforeTheWork) {
     EXPECT_NE(twice.find("is also what --out names"), std::string::npos) << twice;
   }
   const std::string board = errors(kCuboid, folder / "page.html");
-  EXPECT_NE(board.find("is the board file"), std::string::npos) << board;
+  EXPECT_NE(board.find("--out: " + kCuboid.string() + ": is also what --board names"),
+            std::string::npos)
+      << board;
   EXPECT_TRUE(fs::is_empty(folder.path()));
+}
+
+TEST(CalibrateCommand, EarlierCalibrationsAreNotWrittenOver) {
+  const TemporaryFolder folder;
+  for (const char* file : {"c.json", "d.json"}) std::ofstream(folder / file) << "{}";
+  for (const std::string option : {"--fix-intrinsics-from", "--frame-from", "--compare"}) {
+    for (const std::string output : {"--out", "--report"}) {
+      const fs::path other = folder / (output == "--out" ? "page.html" : "new.json");
+      const ProcessOutcome refused =
+          RunProcess({ROTUNDA_COMMAND, "calibrate", folder / "no shots", "--board", kCuboid, option,
+                      folder / "c.json", output, folder / "." / "c.json",
+                      output == "--out" ? "--report" : "--out", other});
+      EXPECT_EQ(refused.exit_code, 1) << refused.output;
+      EXPECT_NE(refused.errors.find("is also what " + option + " names, which would be lost"),
+                std::string::npos)
+          << refused.errors;
+    }
+  }
+  EXPECT_EQ(TextOf(folder / "c.json"), "{}");
 }
 
 TEST(CalibrateCommand, PicturesTooSmallToBeReadSayHowLargeTheyMustBe) {

@@ -224,6 +224,8 @@ TEST(Calibration, NamesTheFieldWhatWasFoundAndWhatWasExpected) {
        "cameras[2].cam_from_rig: expected an object, found null"},
       {"/cameras/0/sigma/position_mm", true,
        "cameras[0].sigma.position_mm: expected a number, found true"},
+      {"/cameras/0/sigma/position_mm", -0.1,
+       "cameras[0].sigma.position_mm: expected a number of at least 0, found -0.1"},
       {"/cameras/2/camera", "a", "cameras[2].camera: camera \"a\" is already cameras[0]"},
   };
   for (const BadField& bad : table) {

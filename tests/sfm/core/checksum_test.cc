@@ -11,5 +11,13 @@ TEST(Xxh3Text, IsTheChecksumInHexadecimalDigits) {
   EXPECT_EQ(Xxh3Text("abc"), "78af5f94892f3950");
 }
 
+TEST(ChecksumProblem, NamesBothChecksums) {
+  EXPECT_EQ(ChecksumProblem("abc", "78af5f94892f3950"), "");
+  EXPECT_EQ(ChecksumProblem("abc", ""), "") << "not known";
+  EXPECT_EQ(ChecksumProblem("abd", "78af5f94892f3950"),
+            "the picture was changed after the capture: its checksum is " + Xxh3Text("abd") +
+                ", the frame set says 78af5f94892f3950");
+}
+
 }  // namespace
 }  // namespace rotunda

@@ -17,6 +17,14 @@ TEST(Median, IsTheMiddleValueInOrder) {
   EXPECT_EQ(Median({1.0, INFINITY, INFINITY}), INFINITY);
 }
 
+TEST(ChiSquareLimit, IsThatOfTheTables) {
+  // Abramowitz and Stegun, table 26.8.
+  EXPECT_NEAR(ChiSquareLimit(1, 0.05), 3.84146, 5e-6);
+  EXPECT_NEAR(ChiSquareLimit(2, 0.01), 9.21034, 5e-6);
+  EXPECT_NEAR(ChiSquareLimit(6, 0.5), 5.34812, 5e-6);
+  EXPECT_NEAR(ChiSquareLimit(10, 0.001), 29.5883, 5e-5);
+}
+
 TEST(SigmaFromMedian, FindsTheSpreadOfNormalErrorsAmongOutliers) {
   constexpr int kSeed = 3;
   RecordProperty("seed", kSeed);
