@@ -101,7 +101,7 @@ double CompareWithMrcal(const rig::Board& board, const rig::BoardSightings& sigh
   std::printf("  mrcal %s: %s%.1f s\n", lens_model.c_str(), peer.summary.c_str(), peer.seconds);
   std::printf(
       "    camera   focal/px ours  mrcal     difference, sigma   pose: difference/deg, mm    sigma/"
-      "deg, mm   points/px: difference, sigma\n");
+      "deg, mm   points/px: difference where seen, sigma over the picture\n");
   const double both = std::sqrt(2.0);
   double greatest = 0;
   for (size_t c = 0; c < run.file.cameras.size(); ++c) {
