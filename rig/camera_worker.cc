@@ -46,6 +46,8 @@ constexpr int kTriggerTries = 2;  // some cameras swallow the first one after id
 
 // Who waits for a frame looks so often whether it is still wanted.
 constexpr auto kFetchInterval = milliseconds(50);
+// How often is looked whether packets still come.
+constexpr auto kQuietLook = milliseconds(10);
 // To report what has come, besides the time in which a second frame is looked for.
 constexpr auto kGiveUpPatience = milliseconds(500);
 
@@ -87,6 +89,30 @@ void PulseTask::ReportArmed() {
   report_came_.notify_all();
 }
 
+void PulseTask::ReportFetched() {
+  {
+    const std::lock_guard lock(mutex_);
+    ++fetched_;
+  }
+  all_fetched_.notify_all();
+}
+
+void PulseTask::WaitForOthers(Clock::time_point deadline) {
+  std::unique_lock lock(mutex_);
+  all_fetched_.wait_until(lock, deadline,
+                          [&] { return fetched_ >= taking_part_ || given_up_ || closed_; });
+}
+
+void PulseTask::ReportPackets(Clock::time_point when) {
+  const std::lock_guard lock(mutex_);
+  last_packets_ = std::max(last_packets_, when);
+}
+
+PulseTask::Clock::time_point PulseTask::last_packets() const {
+  const std::lock_guard lock(mutex_);
+  return last_packets_;
+}
+
 void PulseTask::ReportResult(size_t camera, CameraShot result) {
   {
     const std::lock_guard lock(mutex_);
@@ -103,10 +129,10 @@ std::optional<PulseTask::Clock::time_point> PulseTask::WaitForPulse() {
   return pulse_;
 }
 
-void PulseTask::WaitForArmed(size_t count, Clock::time_point deadline, std::stop_token stop) {
+void PulseTask::WaitForArmed(Clock::time_point deadline, std::stop_token stop) {
   std::unique_lock lock(mutex_);
   // Who cannot be armed reports at once.
-  report_came_.wait_until(lock, stop, deadline, [&] { return armed_ + reported_ >= count; });
+  report_came_.wait_until(lock, stop, deadline, [&] { return armed_ + reported_ >= taking_part_; });
 }
 
 void PulseTask::PublishPulse(std::optional<Clock::time_point> pulse) {
@@ -118,13 +144,19 @@ void PulseTask::PublishPulse(std::optional<Clock::time_point> pulse) {
   pulse_published_.notify_all();
 }
 
-std::vector<std::optional<CameraShot>> PulseTask::TakeResults(size_t count,
-                                                              Clock::time_point deadline,
+void PulseTask::Abandon() {
+  PublishPulse(std::nullopt);
+  const std::lock_guard lock(mutex_);
+  closed_ = true;
+}
+
+std::vector<std::optional<CameraShot>> PulseTask::TakeResults(Clock::time_point deadline,
                                                               std::stop_token give_up) {
-  const auto all_reported = [&] { return reported_ >= count; };
+  const auto all_reported = [&] { return reported_ >= taking_part_; };
   std::unique_lock lock(mutex_);
   if (!report_came_.wait_until(lock, give_up, deadline, all_reported) && give_up.stop_requested()) {
     given_up_ = true;
+    all_fetched_.notify_all();
     const auto last =
         Clock::now() + milliseconds(timing_.settle_ms) + kFetchInterval + kGiveUpPatience;
     report_came_.wait_until(lock, std::min(last, deadline), all_reported);
@@ -401,7 +433,6 @@ void CameraWorker::JoinPulse(std::shared_ptr<PulseTask> task, size_t index, Fram
       state.last_verdict = VerdictName(shot.verdict);
       if (camera_) state.counters = camera_->counters();
     });
-    if (shot.frame) NoteFrame(*shot.frame);
     const Loss loss{shot.verdict, shot.reason};
     const bool lost = loss.verdict == Verdict::kDisconnected ||
                       loss.verdict == Verdict::kControlLost ||
@@ -468,37 +499,43 @@ Result<CameraWorker::Clock::time_point> CameraWorker::PrepareForPulse(const Puls
 
 CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed) {
   CameraShot shot = EmptyShot();
-  if (!camera_) {
-    const CameraState now = state();
-    shot.verdict = now.lost_as;
-    shot.reason = now.problem;
-    return shot;
+  const StreamCounters before = camera_ ? camera_->counters() : StreamCounters{};
+  const std::optional<Clock::time_point> pulse =
+      ArmAndFetch(task, std::move(memory), stay_armed, shot);
+  task.ReportFetched();
+  if (!pulse) return shot;
+  if (shot.frame) {
+    AwaitQuiet(task, *pulse);
+    CheckForSecondFrame(before.frames_without_memory, shot);
   }
-  if (!Answers(kProbeTries)) {
-    shot.verdict = Verdict::kDisconnected;
-    shot.reason = kSilent;
-    return shot;
-  }
-  const StreamCounters before = camera_->counters();
-  const Result<Clock::time_point> armed = PrepareForPulse(task, std::move(memory), stay_armed);
-  if (!armed && armed.error().context == kArmedCheck) {
-    shot.verdict = Verdict::kNotArmed;
-    shot.reason = armed.error().message;
-    return shot;
-  }
-  if (!armed) {
-    const Loss loss = FindOut(armed.error());
+  shot.resent_packets = camera_->counters().resent_packets - before.resent_packets;
+  if (!shot.frame && shot.verdict != Verdict::kInterrupted) Diagnose(shot);
+  return shot;
+}
+
+std::optional<CameraWorker::Clock::time_point> CameraWorker::ArmAndFetch(PulseTask& task,
+                                                                         FrameBlock memory,
+                                                                         bool stay_armed,
+                                                                         CameraShot& shot) {
+  const auto failed = [&shot](const Loss& loss) {
     shot.verdict = loss.verdict;
     shot.reason = loss.problem;
-    return shot;
+    return std::nullopt;
+  };
+  if (!camera_) {
+    const CameraState now = state();
+    return failed({now.lost_as, now.problem});
   }
+  if (!Answers(kProbeTries)) return failed({Verdict::kDisconnected, kSilent});
+  const Result<Clock::time_point> armed = PrepareForPulse(task, std::move(memory), stay_armed);
+  if (!armed && armed.error().context == kArmedCheck) {
+    return failed({Verdict::kNotArmed, armed.error().message});
+  }
+  if (!armed) return failed(FindOut(armed.error()));
   const StreamCounters when_armed = camera_->counters();
   task.ReportArmed();
   const std::optional<Clock::time_point> pulse = task.WaitForPulse();
-  if (!pulse) {
-    shot.reason = "there was no pulse";
-    return shot;
-  }
+  if (!pulse) return failed({shot.verdict, "there was no pulse"});
   FetchPulse(task, *pulse, stay_armed, shot);
   if (shot.verdict == Verdict::kMissing) TellWhatCame(when_armed, shot);
   if (shot.verdict == Verdict::kMissing && *armed > *pulse) {
@@ -508,10 +545,7 @@ CameraShot CameraWorker::TakePulse(PulseTask& task, FrameBlock memory, bool stay
         std::to_string(std::chrono::duration_cast<milliseconds>(*armed - *pulse).count()) +
         " ms after the pulse (slow to answer? capture.arm_ms?)";
   }
-  CheckForSecondFrame(task, before.frames_without_memory, shot);
-  shot.resent_packets = camera_->counters().resent_packets - before.resent_packets;
-  if (!shot.frame && shot.verdict != Verdict::kInterrupted) Diagnose(shot);
-  return shot;
+  return pulse;
 }
 
 /// By the camera's own clock: also a warm-up frame may come seconds late, and must not be taken for
@@ -566,6 +600,7 @@ void CameraWorker::FetchPulse(const PulseTask& task, Clock::time_point pulse, bo
     shot.reason = frame->problem;
     return;
   }
+  NoteFrame(*frame);
   shot.frame = std::move(frame);
   shot.arrival_ms = std::chrono::duration<double, std::milli>(now - pulse).count();
   shot.verdict = Verdict::kOk;
@@ -620,10 +655,27 @@ void CameraWorker::CheckFrame(CameraShot& shot) {
   }
 }
 
-void CameraWorker::CheckForSecondFrame(const PulseTask& task, uint64_t unasked_before,
-                                       CameraShot& shot) {
-  if (!shot.frame) return;
-  std::this_thread::sleep_for(milliseconds(task.timing().settle_ms));
+/// Until no camera has got packets for settle_ms since the last one's frame: what a second pulse
+/// brings of ninety cameras comes one behind the other, and ends later than a camera's own.
+void CameraWorker::AwaitQuiet(PulseTask& task, Clock::time_point pulse) const {
+  const ShotTiming& timing = task.timing();
+  const milliseconds settle(timing.settle_ms);
+  const auto deadline = pulse + milliseconds(timing.deadline_ms + timing.late_ms);
+  task.WaitForOthers(deadline);
+  const auto begin = Clock::now();
+  uint64_t packets = camera_->counters().received_packets;
+  auto quiet_at = begin + settle;
+  while (Clock::now() < quiet_at) {
+    std::this_thread::sleep_for(std::min(kQuietLook, settle));
+    const uint64_t now = camera_->counters().received_packets;
+    if (now > packets) task.ReportPackets(Clock::now());
+    packets = now;
+    if (task.given_up()) continue;
+    quiet_at = std::min(std::max(begin, task.last_packets()), deadline) + settle;
+  }
+}
+
+void CameraWorker::CheckForSecondFrame(uint64_t unasked_before, CameraShot& shot) {
   // Memory that an earlier pulse left unfilled takes it in.
   const bool came = camera_->Fetch(Clock::now()).has_value();
   if (!came && camera_->counters().frames_without_memory == unasked_before) return;

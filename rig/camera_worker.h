@@ -48,8 +48,13 @@ const char* ConditionName(const CameraState& state);
 class PulseTask {
  public:
   using Clock = Camera::Clock;
-  PulseTask(size_t cameras, const ShotTiming& timing, Clock::time_point arm_deadline)
-      : timing_(timing), arm_deadline_(arm_deadline), results_(cameras) {}
+  /// `taking_part` of the rig's `cameras` will report.
+  PulseTask(size_t cameras, size_t taking_part, const ShotTiming& timing,
+            Clock::time_point arm_deadline)
+      : timing_(timing),
+        arm_deadline_(arm_deadline),
+        taking_part_(taking_part),
+        results_(cameras) {}
 
   const ShotTiming& timing() const { return timing_; }
   Clock::time_point arm_deadline() const { return arm_deadline_; }
@@ -58,31 +63,44 @@ class PulseTask {
   bool closed() const;    // the session no longer listens
   bool given_up() const;  // nor waits for frames that have not come
   void ReportArmed();
+  /// The camera's frame has come, or none will.
+  void ReportFetched();
+  /// Until all that take part have fetched or shots are given up; not beyond `deadline`.
+  void WaitForOthers(Clock::time_point deadline);
+  /// Packets that came to any camera behind its frame, and when the last did.
+  void ReportPackets(Clock::time_point when);
+  Clock::time_point last_packets() const;
   void ReportResult(size_t camera, CameraShot result);
   /// The time of the pulse; nullopt when there will be none.
   std::optional<Clock::time_point> WaitForPulse();
 
   // Of the session.
-  void WaitForArmed(size_t count, Clock::time_point deadline, std::stop_token stop);
+  void WaitForArmed(Clock::time_point deadline, std::stop_token stop);
   void PublishPulse(std::optional<Clock::time_point> pulse);
+  /// Ends a task that gets no pulse, at once.
+  void Abandon();
   /// Ends the task. Those that have not reported by then stay empty. Once `give_up` is set workers
   /// have a moment to report what they have.
-  std::vector<std::optional<CameraShot>> TakeResults(size_t count, Clock::time_point deadline,
+  std::vector<std::optional<CameraShot>> TakeResults(Clock::time_point deadline,
                                                      std::stop_token give_up);
 
  private:
   const ShotTiming timing_;
   const Clock::time_point arm_deadline_;
+  const size_t taking_part_;
   mutable std::mutex mutex_;
   // Apart, or every camera that is armed would wake all that wait for the pulse.
   std::condition_variable pulse_published_;  // to the workers
   std::condition_variable_any report_came_;  // to the session
+  std::condition_variable all_fetched_;      // to the workers
   size_t armed_ = 0;
+  size_t fetched_ = 0;
   size_t reported_ = 0;
   bool pulse_known_ = false;
   bool closed_ = false;
   bool given_up_ = false;
   std::optional<Clock::time_point> pulse_;
+  Clock::time_point last_packets_ = Clock::time_point::min();
   std::vector<std::optional<CameraShot>> results_;
 };
 
@@ -159,11 +177,15 @@ class CameraWorker {
   std::optional<CameraFrame> FetchOwnFrame(const PulseTask& task, Clock::time_point pulse,
                                            bool stay_armed);
   CameraShot TakePulse(PulseTask& task, FrameBlock memory, bool stay_armed);
+  /// When the pulse came; nullopt when there was none for this camera.
+  std::optional<Clock::time_point> ArmAndFetch(PulseTask& task, FrameBlock memory, bool stay_armed,
+                                               CameraShot& shot);
   void FetchPulse(const PulseTask& task, Clock::time_point pulse, bool stay_armed,
                   CameraShot& shot);
   void TellWhatCame(const StreamCounters& when_armed, CameraShot& shot) const;
   void CheckFrame(CameraShot& shot);
-  void CheckForSecondFrame(const PulseTask& task, uint64_t unasked_before, CameraShot& shot);
+  void AwaitQuiet(PulseTask& task, Clock::time_point pulse) const;
+  void CheckForSecondFrame(uint64_t unasked_before, CameraShot& shot);
   void Diagnose(CameraShot& shot);
   CameraShot EmptyShot() const;
   template <typename Change>

@@ -29,7 +29,7 @@ struct ShotTiming {
   int arm_ms = 2000;  // for all cameras to say that they are armed; then the pulse comes anyway
   int deadline_ms = 2000;  // a frame that is there later is late
   int late_ms = 1500;      // after the deadline: to tell late frames from missing ones
-  int settle_ms = 40;      // after a frame: another one in this time tells of a second pulse
+  int settle_ms = 40;  // after the last packet of all cameras; more frames tell of a second pulse
 };
 
 struct CaptureOptions {

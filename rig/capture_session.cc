@@ -206,16 +206,16 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
   if (stop.stop_requested()) return stopped;
   const ShotTiming& timing = options_.timing;
   const auto arm_deadline = Clock::now() + milliseconds(timing.arm_ms);
-  const auto task = std::make_shared<PulseTask>(workers_.size(), timing, arm_deadline);
+  const auto task =
+      std::make_shared<PulseTask>(workers_.size(), ready.size(), timing, arm_deadline);
   size_t next = 0;
   for (size_t i = 0; i < workers_.size(); ++i) {
     if (next >= ready.size() || workers_[i].get() != ready[next]) continue;
     workers_[i]->JoinPulse(task, i, std::move(blocks[next++]), stay_armed);
   }
-  task->WaitForArmed(ready.size(), arm_deadline, stop);
+  task->WaitForArmed(arm_deadline, stop);
   if (stop.stop_requested()) {
-    task->PublishPulse(std::nullopt);
-    task->TakeResults(0, arm_deadline, {});
+    task->Abandon();
     return stopped;
   }
   const Result<Clock::time_point> pulse =
@@ -224,8 +224,7 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
   const auto deadline = Clock::now() +
                         milliseconds(timing.deadline_ms + timing.late_ms + timing.settle_ms) +
                         kDiagnosisPatience;
-  std::vector<std::optional<CameraShot>> results =
-      task->TakeResults(ready.size(), deadline, give_up);
+  std::vector<std::optional<CameraShot>> results = task->TakeResults(deadline, give_up);
   if (!pulse) return pulse.error().In("trigger");
   Shot shot;
   for (size_t i = 0; i < workers_.size(); ++i) {

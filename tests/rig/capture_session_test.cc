@@ -287,6 +287,24 @@ TEST(CaptureSession, ALateFrameOfTheFirstPulseIsNotTakenForThatOfTheSecond) {
   EXPECT_EQ(rig.ExactFrames(*shot, 1), 4);
 }
 
+/// A second pulse's frame comes when the line is free: long after the camera's own, while others
+/// still send.
+TEST(CaptureSession, ASecondFrameIsSeenAsLongAsAnyCameraSends) {
+  SimulatedRig rig(RigOf("127.32.40", 3));
+  rig.capture().retries = 0;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u);
+  constexpr int kSecond_ms = 300;
+  ASSERT_GT(kSecond_ms, 2 * rig.capture().timing.settle_ms);
+  ASSERT_TRUE(rig.server().SetFault(0, {FaultKind::kSecondPulse, kSecond_ms, 1}));
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kLate, 2.0 * kSecond_ms, 1}));
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_EQ(shot->cameras[0].verdict, Verdict::kSecondFrame) << shot->Summary();
+  EXPECT_EQ(shot->OkCount(), 2u) << shot->Summary();
+}
+
 TEST(CaptureSession, AFrameOfTheWarmUpIsNotTakenForThatOfThePulse) {
   for (const bool restart : {true, false}) {
     SimulatedRig::Options options = RigOf(restart ? "127.32.21" : "127.32.22", 3);
@@ -327,12 +345,15 @@ TEST(CaptureSession, WhatHasComeIsKeptWhenTheRestIsGivenUp) {
   ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u);
   ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kMute, 0, 0}));
   rig.server().SetShot(0);
-  const auto is_told = [&](int i) { return (*session)->States()[i].last_verdict == "ok"; };
+  const auto ready = (*session)->States();
+  const auto has_come = [&](int i) {
+    return (*session)->States()[i].last_frame_at != ready[i].last_frame_at;
+  };
   std::stop_source ctrl_c;
   auto taken = std::async(std::launch::async, [&] {
     return (*session)->Capture(ctrl_c.get_token(), ctrl_c.get_token());
   });
-  while (!is_told(0) || !is_told(2)) std::this_thread::sleep_for(1ms);
+  while (!has_come(0) || !has_come(2)) std::this_thread::sleep_for(1ms);
   ctrl_c.request_stop();
   const auto shot = taken.get();
   ASSERT_TRUE(shot) << shot.error().ToString();
