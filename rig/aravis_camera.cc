@@ -143,9 +143,15 @@ Result<AppliedSettings> AravisCamera::Apply(const CameraSettings& settings) {
   ptp_ = settings.ptp;
   if (ptp_) ROTUNDA_RETURN_IF_ERROR(ApplyPtp(camera));
   ROTUNDA_ASSIGN_OR_RETURN(stream_, AravisStream::Open(camera, settings));
-  ROTUNDA_RETURN_IF_ERROR(ApplyPacketDelay(camera, settings.bandwidth));
   ROTUNDA_ASSIGN_OR_RETURN(AppliedSettings applied, ReadSettings(camera, settings));
   applied.payload_bytes = stream_->payload_bytes();
+  // Before the gap between packets, which a camera may refuse when it is very long.
+  ROTUNDA_RETURN_IF_ERROR(
+      CheckInTime({applied.payload_bytes, applied.packet_size_bytes, applied.exposure_us},
+                  settings.uplink, settings.deadline_ms));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      applied.packet_delay_ns,
+      ApplyPacketDelay(camera, applied.packet_size_bytes, settings.uplink.Share()));
   return applied;
 }
 

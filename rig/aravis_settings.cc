@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "rig/short_number.h"
+
 namespace rotunda::rig {
 namespace {
 
@@ -11,6 +13,9 @@ constexpr int64_t kPtpOffsetLimit_ns = 10'000;
 // A value read back may differ by the camera's own steps.
 constexpr double kRelativeTolerance = 0.01;
 constexpr double kAbsoluteTolerance = 0.1;
+
+// Aravis' bounds of what has none are the largest numbers there are.
+constexpr double kUnlimited = 1e300;
 
 bool Near(double a, double b) {
   return std::abs(a - b) <= std::max(kAbsoluteTolerance, kRelativeTolerance * std::abs(b));
@@ -29,14 +34,44 @@ Status WriteTextIfOffered(ArvCamera* camera, const char* feature, const std::str
   return HasFeature(camera, feature) ? WriteText(camera, feature, value) : Status();
 }
 
-Status WriteNumber(ArvCamera* camera, const char* feature, double value) {
+std::string Plain(double value) { return Number(value, "%.10g"); }
+
+/// A value that the camera does not take, with those it does: `key` is the configuration's for it.
+struct ValueRange {
+  std::string key;
+  double least = 0;
+  double most = 0;
+
+  Error Refused(double value, const std::string& why) const {
+    const bool is_known = least <= most && most < kUnlimited;
+    const std::string allowed =
+        is_known ? "; allowed are " + Plain(least) + " to " + Plain(most) : "";
+    return {ErrorCode::kFailed, why + allowed, key + " = " + Plain(value)};
+  }
+};
+
+Status WriteExposure(ArvCamera* camera, double exposure_us) {
   GErrorSlot error;
-  arv_camera_set_float(camera, feature, value, error.out());
-  ROTUNDA_RETURN_IF_ERROR(error.status(feature + (" = " + std::to_string(value))));
-  const double found = arv_camera_get_float(camera, feature, error.out());
-  ROTUNDA_RETURN_IF_ERROR(error.status(feature));
-  if (Near(found, value)) return {};
-  return ReadBackError(feature, std::to_string(value), std::to_string(found));
+  ValueRange range{"exposure_us"};
+  arv_camera_get_exposure_time_bounds(camera, &range.least, &range.most, nullptr);
+  arv_camera_set_exposure_time(camera, exposure_us, error.out());
+  if (error) return range.Refused(exposure_us, error.message());
+  const double found = arv_camera_get_exposure_time(camera, error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("exposure time"));
+  if (Near(found, exposure_us)) return {};
+  return range.Refused(exposure_us, "the camera has " + Plain(found) + " instead");
+}
+
+Status WriteGain(ArvCamera* camera, double gain_db) {
+  GErrorSlot error;
+  ValueRange range{"gain_db"};
+  arv_camera_get_float_bounds(camera, "Gain", &range.least, &range.most, nullptr);
+  arv_camera_set_float(camera, "Gain", gain_db, error.out());
+  if (error) return range.Refused(gain_db, error.message());
+  const double found = arv_camera_get_float(camera, "Gain", error.out());
+  ROTUNDA_RETURN_IF_ERROR(error.status("Gain"));
+  if (Near(found, gain_db)) return {};
+  return range.Refused(gain_db, "the camera has " + Plain(found) + " instead");
 }
 
 }  // namespace
@@ -110,17 +145,8 @@ Status ApplyExposure(ArvCamera* camera, const CameraSettings& settings) {
   ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "ExposureMode", "Timed"));
   ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "ExposureAuto", "Off"));
   ROTUNDA_RETURN_IF_ERROR(WriteTextIfOffered(camera, "GainAuto", "Off"));
-  GErrorSlot error;
-  arv_camera_set_exposure_time(camera, settings.exposure_us, error.out());
-  ROTUNDA_RETURN_IF_ERROR(error.status("exposure time " + std::to_string(settings.exposure_us)));
-  const double found = arv_camera_get_exposure_time(camera, error.out());
-  ROTUNDA_RETURN_IF_ERROR(error.status("exposure time"));
-  if (!Near(found, settings.exposure_us)) {
-    return ReadBackError("exposure time", std::to_string(settings.exposure_us) + " us",
-                         std::to_string(found) + " us");
-  }
-  if (!HasFeature(camera, "Gain")) return {};
-  return WriteNumber(camera, "Gain", settings.gain_db);
+  ROTUNDA_RETURN_IF_ERROR(WriteExposure(camera, settings.exposure_us));
+  return HasFeature(camera, "Gain") ? WriteGain(camera, settings.gain_db) : Status();
 }
 
 Status ApplyTriggerMode(ArvCamera* camera) {
@@ -160,18 +186,17 @@ Status ApplyPtp(ArvCamera* camera) {
 
 /// A camera that leaves shorter gaps than planned takes the others' part of the uplink, and one
 /// that leaves longer ones is late.
-Status ApplyPacketDelay(ArvCamera* camera, const BandwidthShare& bandwidth) {
+Result<int64_t> ApplyPacketDelay(ArvCamera* camera, int packet_size_bytes,
+                                 const BandwidthShare& bandwidth) {
   GErrorSlot error;
-  const int packet_size = static_cast<int>(arv_camera_gv_get_packet_size(camera, error.out()));
-  ROTUNDA_RETURN_IF_ERROR(error.status("packet size"));
-  const int64_t wanted_ns = PacketDelay_ns(packet_size, bandwidth);
+  const int64_t wanted_ns = PacketDelay_ns(packet_size_bytes, bandwidth);
   arv_camera_gv_set_packet_delay(camera, wanted_ns, error.out());
   ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
   const int64_t found_ns = arv_camera_gv_get_packet_delay(camera, error.out());
   ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
-  const double interval_ns = 8e9 * packet_size / bandwidth.link_bits_per_s;
+  const double interval_ns = 8e9 * packet_size_bytes / bandwidth.link_bits_per_s;
   const double tolerance_ns = kRelativeTolerance * (interval_ns + static_cast<double>(wanted_ns));
-  if (std::abs(static_cast<double>(found_ns - wanted_ns)) <= tolerance_ns) return {};
+  if (std::abs(static_cast<double>(found_ns - wanted_ns)) <= tolerance_ns) return found_ns;
   return ReadBackError("packet delay (GevSCPD)", std::to_string(wanted_ns) + " ns",
                        std::to_string(found_ns) + " ns");
 }
@@ -191,8 +216,6 @@ Result<AppliedSettings> ReadSettings(ArvCamera* camera, const CameraSettings& se
   }
   applied.packet_size_bytes = static_cast<int>(arv_camera_gv_get_packet_size(camera, error.out()));
   ROTUNDA_RETURN_IF_ERROR(error.status("packet size"));
-  applied.packet_delay_ns = arv_camera_gv_get_packet_delay(camera, error.out());
-  ROTUNDA_RETURN_IF_ERROR(error.status("packet delay (GevSCPD)"));
   return applied;
 }
 

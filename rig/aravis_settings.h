@@ -23,16 +23,17 @@ Status ApplyExposure(ArvCamera* camera, const CameraSettings& settings);
 Status ApplyTriggerMode(ArvCamera* camera);
 /// Switches PTP on. It takes seconds until the camera's clock follows its master: see CheckPtp.
 Status ApplyPtp(ArvCamera* camera);
-/// The gap between packets, which follows from the size that they have by now.
-Status ApplyPacketDelay(ArvCamera* camera, const BandwidthShare& bandwidth);
+/// The gap between packets of the size that they have by now; as the camera has it then, ns.
+Result<int64_t> ApplyPacketDelay(ArvCamera* camera, int packet_size_bytes,
+                                 const BandwidthShare& bandwidth);
 
 /// How far the camera's clock is from its PTP master's. kFailed while it does not follow one.
 Result<int64_t> PtpOffset_ns(ArvCamera* camera);
 /// kFailed when the camera's clock does not follow its PTP master closely.
 Status CheckPtp(ArvCamera* camera);
 
-/// What the camera has in the end, but for the payload, which is the stream's. `settings` are those
-/// that were applied.
+/// What the camera has, but for the gap between packets and the payload, which is the stream's.
+/// `settings` are those that were applied.
 Result<AppliedSettings> ReadSettings(ArvCamera* camera, const CameraSettings& settings);
 
 }  // namespace rotunda::rig

@@ -27,6 +27,9 @@ constexpr int kSocketBufferPerPayload = 2;
 constexpr auto kQuietTime = milliseconds(20);
 constexpr auto kQuietPatience = milliseconds(400);
 
+constexpr char kLeaderLost[] =
+    "its first packet, the leader, was lost, and with it the frame's number and size";
+
 // Counters of Aravis' streams, by name.
 constexpr char kReceivedPackets[] = "n_received_packets";
 constexpr char kIgnoredPackets[] = "n_ignored_packets";
@@ -77,9 +80,7 @@ std::string WhyIncomplete(ArvBufferStatus status, uint64_t missing_packets) {
   switch (status) {
     case ARV_BUFFER_STATUS_TIMEOUT:
     case ARV_BUFFER_STATUS_MISSING_PACKETS:
-      if (missing_packets == 0) return "packets were lost";
-      return missing_packets == 1 ? "1 packet was lost"
-                                  : std::to_string(missing_packets) + " packets were lost";
+      return "packets lost" + (missing_packets == 0 ? "" : ": " + std::to_string(missing_packets));
     case ARV_BUFFER_STATUS_WRONG_PACKET_ID:
       return "packets came in a wrong order";
     case ARV_BUFFER_STATUS_SIZE_MISMATCH:
@@ -182,9 +183,10 @@ CameraFrame AravisStream::Describe(ArvBuffer* buffer) const {
   CameraFrame frame;
   const ArvBufferStatus status = arv_buffer_get_status(buffer);
   if (status != ARV_BUFFER_STATUS_SUCCESS) {
-    frame.problem = WhyIncomplete(status, Counter(kMissingPackets) - missing_when_lent_);
-    // Without the first packet Aravis knows neither id nor size.
-    if (arv_buffer_get_frame_id(buffer) == 0) frame.problem += ", the first one among them";
+    // Without the leader Aravis knows neither id nor size, and counts every packet as missing.
+    frame.problem = arv_buffer_get_frame_id(buffer) == 0
+                        ? kLeaderLost
+                        : WhyIncomplete(status, Counter(kMissingPackets) - missing_when_lent_);
     return frame;
   }
   frame.frame_id = arv_buffer_get_frame_id(buffer);

@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
+
+#include "rig/short_number.h"
 
 namespace rotunda::rig {
 namespace {
@@ -35,17 +36,20 @@ double FrameTime_s(size_t payload_bytes, int packet_size_bytes, const BandwidthS
   return packets * PacketInterval_s(packet_size_bytes, share);
 }
 
-Status CheckInTime(const FrameTransfer& transfer, const BandwidthShare& share, int deadline_ms) {
+Status CheckInTime(const FrameTransfer& transfer, const UplinkLoad& load, int deadline_ms) {
   const double needed_ms =
-      1e3 * FrameTime_s(transfer.payload_bytes, transfer.packet_size_bytes, share) +
+      1e3 * FrameTime_s(transfer.payload_bytes, transfer.packet_size_bytes, load.Share()) +
       1e-3 * transfer.exposure_us;
   if (needed_ms < deadline_ms) return {};
-  std::ostringstream text;
-  text.precision(3);
-  text << "frames of " << static_cast<double>(transfer.payload_bytes) / 1e6 << " MB need "
-       << needed_ms << " ms from the pulse on in packets of " << transfer.packet_size_bytes
-       << " bytes, but capture.deadline_ms is " << deadline_ms;
-  return Error{ErrorCode::kInvalidArgument, text.str(), "bandwidth"};
+  // Rounded up: what is too slow must not look like the deadline.
+  return Error{ErrorCode::kInvalidArgument,
+               "with " + std::to_string(load.cameras) + " cameras, frames of " +
+                   Number(1e-6 * static_cast<double>(transfer.payload_bytes), "%.5g MB") +
+                   " need " + Number(std::ceil(needed_ms), "%.0f ms") +
+                   " from the pulse on in packets of " +
+                   std::to_string(transfer.packet_size_bytes) +
+                   " bytes, but capture.deadline_ms is " + std::to_string(deadline_ms),
+               "uplinks." + load.uplink};
 }
 
 }  // namespace rotunda::rig

@@ -49,7 +49,8 @@ struct FrameTransfer {
   int packet_size_bytes = 0;
   double exposure_us = 0;
 };
-/// kInvalidArgument when exposure and transfer take longer than `deadline_ms`, with both.
-Status CheckInTime(const FrameTransfer& transfer, const BandwidthShare& share, int deadline_ms);
+/// kInvalidArgument when exposure and transfer take longer than `deadline_ms`, with both and the
+/// uplink.
+Status CheckInTime(const FrameTransfer& transfer, const UplinkLoad& load, int deadline_ms);
 
 }  // namespace rotunda::rig

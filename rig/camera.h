@@ -46,7 +46,8 @@ struct CameraSettings {
   std::string trigger_source = "Line0";  // the camera's input the trigger cable is plugged into
   bool ptp = false;                      // clocks kept together by IEEE 1588
   int packet_size_bytes = 9000;          // at most; less where the path carries less
-  BandwidthShare bandwidth;              // sets the gap between packets
+  UplinkLoad uplink;                     // sets the gap between packets
+  int deadline_ms = 2000;                // after the pulse, for a frame to be there
   bool resend = true;                    // ask again for lost packets
 
   /// Of one frame; 0 while the camera's sensor decides.
@@ -113,7 +114,8 @@ class Camera {
   virtual const CameraIdentity& identity() const = 0;
 
   /// Writes the settings and reads each back. kFailed names the feature, what was wanted and what
-  /// the camera has. Stops an acquisition. PTP is switched on and not waited for: see CheckPtp.
+  /// the camera has. kInvalidArgument: the uplink is too slow for frames as large as the camera's.
+  /// Stops an acquisition. PTP is switched on and not waited for: see CheckPtp.
   virtual Result<AppliedSettings> Apply(const CameraSettings& settings) = 0;
 
   /// Makes the camera wait for one trigger and lends it memory for one frame (payload_bytes at

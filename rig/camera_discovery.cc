@@ -210,19 +210,21 @@ CameraMatch MatchCameras(const std::vector<CameraPlace>& wanted,
   std::set<const CameraIdentity*> used;
   for (CameraPlace& place : match.places) {
     const auto there = by_address.find(place.address);
-    const auto elsewhere = by_serial.find(place.serial);
-    const auto refuse = [&](const std::string& message) {
-      match.problems.push_back({ErrorCode::kNotFound, message, place.camera});
+    const auto elsewhere = place.serial.empty() ? by_serial.end() : by_serial.find(place.serial);
+    if (elsewhere != by_serial.end()) used.insert(elsewhere->second);
+    const auto refuse = [&](const std::string& message, ErrorCode code = ErrorCode::kNotFound) {
+      match.problems.push_back({code, message, place.camera});
     };
     if (place.address.empty() && elsewhere == by_serial.end()) {
       refuse("serial " + place.serial + " was not found on any network");
     } else if (place.address.empty()) {
       place.address = elsewhere->second->address;
-      used.insert(elsewhere->second);
+    } else if (there == by_address.end() && elsewhere == by_serial.end()) {
+      refuse("serial " + place.serial + " expected at " + place.address + ", found nothing there");
     } else if (there == by_address.end()) {
-      refuse(
-          "serial " + place.serial + " expected at " + place.address + ", found nothing there" +
-          (elsewhere == by_serial.end() ? "" : " (it is at " + elsewhere->second->address + ")"));
+      refuse("serial " + place.serial + " is at " + elsewhere->second->address +
+                 ", but configured at " + place.address + ", where nobody answers",
+             ErrorCode::kBadInput);
     } else {
       used.insert(there->second);
       const std::string& serial = there->second->serial;

@@ -27,7 +27,8 @@ Result<std::vector<CameraIdentity>> DiscoverCameras(std::chrono::milliseconds pa
 /// The configured cameras beside those that are there.
 struct CameraMatch {
   std::vector<CameraPlace> places;  // as wanted; addresses filled in where the serial was found
-  std::vector<Error> problems;      // missing and wrong cameras; the context is the camera's name
+  // Missing and wrong cameras; the context is the camera's name. kBadInput: at another address.
+  std::vector<Error> problems;
   std::vector<CameraIdentity> unused;  // there, but not in the configuration
 };
 CameraMatch MatchCameras(const std::vector<CameraPlace>& wanted,

@@ -35,6 +35,7 @@ Verdict VerdictOf(const Error& error) {
 }
 
 constexpr char kArmedCheck[] = "the camera";
+constexpr char kClockCheck[] = "its clock does not follow the PTP master";
 
 // A clock that has heard its PTP master follows it after some seconds.
 constexpr auto kPtpPatience = milliseconds(15000);
@@ -277,6 +278,7 @@ CameraWorker::Loss CameraWorker::FindOut(const Error& error) const {
             "it answers, but control was lost: restarted, or taken by another program (" +
                 error.ToString() + ")"};
   }
+  if (error.context.starts_with(kClockCheck)) return {Verdict::kNoClock, error.ToString()};
   return {Verdict::kCameraError, "it answers, but: " + error.ToString()};
 }
 
@@ -314,9 +316,6 @@ Status CameraWorker::OpenAndWarmUp() {
   ROTUNDA_ASSIGN_OR_RETURN(const CameraPlace place, setup_.locate(setup_.place));
   ROTUNDA_ASSIGN_OR_RETURN(camera_, setup_.open(place));
   ROTUNDA_ASSIGN_OR_RETURN(const AppliedSettings applied, camera_->Apply(setup_.settings));
-  ROTUNDA_RETURN_IF_ERROR(
-      CheckInTime({applied.payload_bytes, applied.packet_size_bytes, applied.exposure_us},
-                  setup_.settings.bandwidth, setup_.deadline_ms));
   if (setup_.settings.ptp) ROTUNDA_RETURN_IF_ERROR(WaitForPtp());
   ids_ = {};
   clock_ = {};
@@ -347,13 +346,12 @@ Status CameraWorker::WaitForPtp() {
   const auto deadline = Clock::now() + kPtpPatience;
   Status follows = camera_->CheckPtp();
   while (!follows && Clock::now() < deadline && Answers(kProbeTries)) {
-    UpdateState([&](CameraState& state) {
-      state.problem = "its clock does not follow the PTP master: " + follows.error().ToString();
-    });
-    if (QuitsWithin(kPtpPollInterval)) return follows;
+    const Error lacking = follows.error().In(kClockCheck);
+    UpdateState([&](CameraState& state) { state.problem = lacking.ToString(); });
+    if (QuitsWithin(kPtpPollInterval)) return lacking;
     follows = camera_->CheckPtp();
   }
-  return follows;
+  return follows ? follows : Status(follows.error().In(kClockCheck));
 }
 
 /// Takes a frame that nobody needs: the kernel applies the size of a stream's socket buffer with

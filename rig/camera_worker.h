@@ -113,7 +113,6 @@ class CameraWorker {
   struct Setup {
     CameraPlace place;
     CameraSettings settings;
-    int deadline_ms = 0;  // of ShotTiming
     OpenCamera open;
     Locate locate;
   };

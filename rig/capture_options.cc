@@ -127,16 +127,13 @@ void CheckSettings(const CameraSettings& settings, std::vector<Error>& problems)
 void CheckBandwidth(const CaptureOptions& options, std::vector<Error>& problems) {
   const CameraSettings& settings = options.settings;
   const size_t payload = settings.PayloadBytes();
-  if (payload == 0) return;  // known when cameras are open: CameraWorker looks again
+  if (payload == 0) return;  // known when cameras are open: Camera::Apply looks again
   for (const UplinkOptions& uplink : options.uplinks) {
     const UplinkLoad load = LoadOf(options, uplink.name);
     if (load.cameras == 0) continue;
     const Status in_time = CheckInTime({payload, settings.packet_size_bytes, settings.exposure_us},
-                                       load.Share(), options.timing.deadline_ms);
-    if (in_time.ok()) continue;
-    problems.push_back(
-        Invalid("uplinks." + uplink.name,
-                "with " + std::to_string(load.cameras) + " cameras, " + in_time.error().message));
+                                       load, options.timing.deadline_ms);
+    if (!in_time.ok()) problems.push_back(in_time.error());
   }
 }
 
@@ -166,7 +163,8 @@ Status CaptureOptions::Validate() const {
 
 CameraSettings CaptureOptions::SettingsOf(const CameraPlace& place) const {
   CameraSettings own = settings;
-  own.bandwidth = LoadOf(*this, place.uplink).Share();
+  own.uplink = LoadOf(*this, place.uplink);
+  own.deadline_ms = timing.deadline_ms;
   own.trigger_source = trigger.camera_input;
   return own;
 }

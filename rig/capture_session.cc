@@ -89,20 +89,14 @@ class CaptureSession::Locator {
 
   Result<CameraPlace> Locate(const CameraPlace& place) {
     if (!place.address.empty()) return place;
-    const std::lock_guard lock(mutex_);
-    // That nobody was there is an answer too.
-    if (!asked_ || Clock::now() > *asked_ + kDiscoveryAge) {
-      ROTUNDA_ASSIGN_OR_RETURN(found_, DiscoverCameras(kDiscoveryPatience));
-      asked_ = Clock::now();
-    }
-    const CameraMatch match = MatchCameras({place}, found_);
+    ROTUNDA_ASSIGN_OR_RETURN(const CameraMatch match, Match(place));
     if (match.problems.empty()) return match.places.front();
     return Error{match.problems.front().code, match.problems.front().message, ""};
   }
 
-  /// The same error, with the name of the camera whose serial was found instead, and without the
-  /// address that is known to be the place's.
-  Error Explain(const CameraPlace& place, Error error) const {
+  /// The same error, with the name of the camera whose serial was found instead, or where the
+  /// place's serial was found, and without the address that is known to be the place's.
+  Error Explain(const CameraPlace& place, Error error) {
     for (const CameraPlace& other : cameras_) {
       if (error.code == ErrorCode::kBadInput && !other.serial.empty() &&
           other.camera != place.camera && error.message.ends_with("found " + other.serial)) {
@@ -110,10 +104,31 @@ class CaptureSession::Locator {
       }
     }
     if (error.context == place.address) error.context.clear();
+    if (error.code != ErrorCode::kNotFound || !IsConfigured(place.address)) return error;
+    const Result<CameraMatch> match = Match(place);
+    const bool is_elsewhere =
+        match && !match->problems.empty() && match->problems.front().code == ErrorCode::kBadInput;
+    if (is_elsewhere) error.message = match->problems.front().message;
     return error;
   }
 
  private:
+  /// Else it was found.
+  bool IsConfigured(const std::string& address) const {
+    return std::any_of(cameras_.begin(), cameras_.end(),
+                       [&](const CameraPlace& place) { return place.address == address; });
+  }
+
+  Result<CameraMatch> Match(const CameraPlace& place) {
+    const std::lock_guard lock(mutex_);
+    // That nobody was there is an answer too.
+    if (!asked_ || Clock::now() > *asked_ + kDiscoveryAge) {
+      ROTUNDA_ASSIGN_OR_RETURN(found_, DiscoverCameras(kDiscoveryPatience));
+      asked_ = Clock::now();
+    }
+    return MatchCameras({place}, found_);
+  }
+
   const std::vector<CameraPlace> cameras_;
   std::mutex mutex_;
   std::vector<CameraIdentity> found_;
@@ -131,8 +146,8 @@ CaptureSession::CaptureSession(CaptureOptions options, Devices devices)
       return camera ? std::move(camera) : locator_->Explain(at, camera.error());
     };
     const auto locate = [this](const CameraPlace& at) { return locator_->Locate(at); };
-    workers_.push_back(std::make_unique<CameraWorker>(CameraWorker::Setup{
-        place, options_.SettingsOf(place), options_.timing.deadline_ms, open, locate}));
+    workers_.push_back(std::make_unique<CameraWorker>(
+        CameraWorker::Setup{place, options_.SettingsOf(place), open, locate}));
   }
 }
 

@@ -64,7 +64,8 @@ class CaptureSession {
 
  private:
   CaptureSession(CaptureOptions options, Devices devices);
-  /// Where cameras without an address are; asks the networks at most every few seconds.
+  /// Where cameras are that have no address or are not there; asks the networks at most every few
+  /// seconds.
   class Locator;
 
   /// Makes room for the frames of the largest camera seen.

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "sfm/core/name_list.h"
+#include "rig/complaints.h"
 #include "sfm/core/statistics.h"
 
 namespace rotunda::rig {
@@ -22,44 +22,19 @@ constexpr char kNobodySawThePulse[] =
     "trigger "
     "line itself, its driver or supply, [trigger] chip, line or camera_input";
 
-/// Cameras that are not ok for one reason.
-struct Complaint {
-  Verdict verdict;
-  std::string reason;
-  std::vector<std::string> cameras;
-
-  /// `all`: how many cameras there are.
-  std::string Text(size_t all) const {
-    const std::string why =
-        std::string(VerdictName(verdict)) + (reason.empty() ? "" : " (" + reason + ")");
-    if (cameras.size() == 1) return cameras.front() + " " + why;
-    if (cameras.size() == all) return "all " + why;
-    return std::to_string(cameras.size()) + " " + why + ": " + ListOfNames(cameras);
-  }
-};
-
-/// In the order of each one's first camera.
-std::vector<Complaint> ComplaintsOf(const std::vector<CameraShot>& cameras) {
-  std::vector<Complaint> complaints;
-  for (const CameraShot& each : cameras) {
-    if (each.verdict == Verdict::kOk) continue;
-    const auto same = std::find_if(complaints.begin(), complaints.end(), [&](const Complaint& one) {
-      return one.verdict == each.verdict && one.reason == each.reason;
-    });
-    if (same == complaints.end()) {
-      complaints.push_back({each.verdict, each.reason, {each.camera}});
-    } else {
-      same->cameras.push_back(each.camera);
-    }
-  }
-  return complaints;
+/// Whether the reason's figures were measured of the camera.
+bool IsMeasured(Verdict verdict) {
+  return verdict == Verdict::kArmedLate || verdict == Verdict::kIncomplete ||
+         verdict == Verdict::kLate || verdict == Verdict::kSkewed;
 }
 
 /// Whether the camera could not have told of a pulse.
-bool WasNotThere(Verdict verdict) {
+bool WasNotThere(const CameraShot& camera) {
+  const Verdict verdict = camera.verdict;
   return verdict == Verdict::kDisconnected || verdict == Verdict::kWrongCamera ||
          verdict == Verdict::kControlLost || verdict == Verdict::kCameraError ||
-         verdict == Verdict::kNotArmed || verdict == Verdict::kArmedLate;
+         verdict == Verdict::kNotArmed || verdict == Verdict::kArmedLate ||
+         (verdict == Verdict::kNoClock && !camera.arrival_ms);
 }
 
 /// Several cameras waited for the pulse, and none of them saw it.
@@ -68,7 +43,7 @@ bool NobodySawThePulse(const std::vector<CameraShot>& cameras) {
     return each.verdict == Verdict::kMissing;
   });
   return missing > 1 && std::all_of(cameras.begin(), cameras.end(), [](const CameraShot& each) {
-           return each.verdict == Verdict::kMissing || WasNotThere(each.verdict);
+           return each.verdict == Verdict::kMissing || WasNotThere(each);
          });
 }
 
@@ -134,12 +109,15 @@ std::string Shot::Summary() const {
   });
   std::string text = Tally() + (has_picture ? "" : ", no camera gave a picture");
   const bool nobody_saw_it = NobodySawThePulse(cameras);
-  for (Complaint complaint : ComplaintsOf(cameras)) {
-    if (nobody_saw_it && complaint.verdict == Verdict::kMissing) {
-      complaint.reason = kNobodySawThePulse;
-    }
-    text += "; " + complaint.Text(cameras.size());
+  std::vector<Complaint> complaints;
+  for (const CameraShot& each : cameras) {
+    if (each.verdict == Verdict::kOk) continue;
+    const bool blames_line = nobody_saw_it && each.verdict == Verdict::kMissing;
+    complaints.push_back({each.camera, VerdictName(each.verdict),
+                          blames_line ? kNobodySawThePulse : each.reason,
+                          IsMeasured(each.verdict)});
   }
+  for (const std::string& each : GroupComplaints(complaints, cameras.size())) text += "; " + each;
   return text;
 }
 

@@ -25,7 +25,7 @@ enum class Verdict {
   kLate,          // its frame came after the deadline
   kWrongPicture,  // of another size or format than it was set to
   kWrongId,       // not the frame of this pulse by its number
-  kNoClock,       // its clock does not follow the PTP master: when it exposed is not known
+  kNoClock,       // its clock does not follow the PTP master: when it exposed would not be known
   kSkewed,        // exposed at another moment than the others
   kSecondFrame,   // it saw more than one pulse
 };
@@ -71,8 +71,9 @@ struct Shot {
   uint64_t ResentPackets() const;
   /// "88/90 ok".
   std::string Tally() const;
-  /// The tally and what is wrong with whom, a reason that several cameras share said once: "86/90
-  /// ok; 3 missing (...): c03r1, c03r2, c03r4; c07r2 late (...)".
+  /// The tally and what is wrong with whom, a reason that several cameras share said once, with the
+  /// range of its measured figures: "86/90 ok; 3 missing (...): c03r1, c03r2, c03r4; c07r2 late
+  /// (...)".
   std::string Summary() const;
 };
 

@@ -20,6 +20,7 @@
 #include "rig/aravis_camera.h"
 #include "rig/camera_discovery.h"
 #include "rig/capture_session.h"
+#include "rig/complaints.h"
 #include "rig/frame_set_writer.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/file_io.h"
@@ -321,6 +322,16 @@ Json StateJson(const rig::CameraState& state) {
   return row;
 }
 
+/// What is wrong with whom, a problem that several cameras share said once.
+std::vector<std::string> ProblemsOf(const std::vector<rig::CameraState>& states) {
+  std::vector<rig::Complaint> complaints;
+  for (const rig::CameraState& state : states) {
+    if (state.problem.empty()) continue;
+    complaints.push_back({state.camera, rig::ConditionName(state), state.problem});
+  }
+  return rig::GroupComplaints(complaints, states.size());
+}
+
 void PrintStates(const std::vector<rig::CameraState>& states,
                  const std::vector<rig::CameraIdentity>& unused) {
   std::printf("%-8s %-12s %-7s %-15s %-12s %-14s %-10s %7s %6s %7s %s\n", "camera", "is", "control",
@@ -340,8 +351,8 @@ void PrintStates(const std::vector<rig::CameraState>& states,
                 state.identity.model.c_str(), state.identity.firmware.c_str(), degrees,
                 state.settings.packet_size_bytes,
                 static_cast<unsigned long long>(state.counters.resent_packets), last_frame);
-    if (!state.problem.empty()) std::printf("         %s\n", state.problem.c_str());
   }
+  for (const std::string& each : ProblemsOf(states)) std::printf("%s\n", each.c_str());
   for (const rig::CameraIdentity& camera : unused) {
     std::printf("not in the configuration: %s %s, serial %s at %s\n", camera.vendor.c_str(),
                 camera.model.c_str(), camera.serial.c_str(), camera.address.c_str());

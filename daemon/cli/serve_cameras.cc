@@ -80,8 +80,8 @@ std::vector<std::string> FormatNames() {
 std::string FaultHelp() {
   std::string text =
       "Send one command to cameras that are served:\n"
-      "pulse [LINE]   (the trigger cable of input 0 or 1, default 0: armed cameras take a "
-      "picture)\n"
+      "pulse [LINE [EDGE_NS [WIDTH_US]]]   (the trigger cable of input 0 or 1, default 0, rises, "
+      "now or at EDGE_NS of the steady clock, for WIDTH_US: armed cameras take a picture)\n"
       "shot NUMBER    (which of the frame sets they see next, from 0)\n"
       "list   (address, name, serial number, state, frames sent, faults in force)\n"
       "clear [CAMERA]   (no more faults)\n"
@@ -115,7 +115,7 @@ void AddServeOptions(CLI::App* command, ServeArguments& arguments) {
             }
           },
           "Be GigE Vision cameras that show these frame sets, one a pulse, or, without any, what "
-          "would be rendered; until Ctrl-C")
+          "would be rendered; until Ctrl-C, which is its ordinary end: exit status 0")
       ->expected(0, -1)
       ->type_name("FRAMESET")
       ->group(group);
@@ -134,7 +134,7 @@ void AddServeOptions(CLI::App* command, ServeArguments& arguments) {
   command
       ->add_option("--socket", arguments.socket,
                    "Where the cameras take commands; default: rotunda-cameras.sock in "
-                   "$XDG_RUNTIME_DIR, else in /tmp")
+                   "$XDG_RUNTIME_DIR, else /tmp/rotunda-cameras-UID.sock")
       ->type_name("FILE")
       ->group(group);
   command

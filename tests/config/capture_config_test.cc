@@ -61,8 +61,8 @@ TEST(CaptureConfig, ValuesArriveInTheirFields) {
   EXPECT_EQ(options->cameras[0].camera, "a");
   EXPECT_EQ(options->cameras[0].serial, "S1");
   EXPECT_EQ(options->cameras[1].address, "10.0.0.2");
-  EXPECT_EQ(options->SettingsOf(options->cameras[0]).bandwidth.share_bits_per_s, 0.9e9);
-  EXPECT_EQ(options->SettingsOf(options->cameras[1]).bandwidth.share_bits_per_s, 0.9e10);
+  EXPECT_EQ(options->SettingsOf(options->cameras[0]).uplink.Share().share_bits_per_s, 0.9e9);
+  EXPECT_EQ(options->SettingsOf(options->cameras[1]).uplink.Share().share_bits_per_s, 0.9e10);
 }
 
 TEST(CaptureConfig, TheOnlyUplinkNeedsNoNaming) {

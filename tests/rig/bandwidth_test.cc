@@ -27,14 +27,23 @@ TEST(Bandwidth, SmallPacketsCostMoreOverhead) {
 }
 
 TEST(Bandwidth, FramesMustBeThroughBeforeTheDeadline) {
-  const BandwidthShare share = UplinkLoad{"switch", 90, 1e10, 1e9}.Share();
+  const UplinkLoad load{"switch", 90, 1e10, 1e9};
   // 157 ms of transfer and 4 ms of exposure.
-  EXPECT_TRUE(CheckInTime({1200 * 1600, 9000, 4000}, share, 165));
-  const Status slow = CheckInTime({1200 * 1600, 9000, 4000}, share, 160);
+  EXPECT_TRUE(CheckInTime({1200 * 1600, 9000, 4000}, load, 165));
+  const Status slow = CheckInTime({1200 * 1600, 9000, 4000}, load, 160);
   ASSERT_FALSE(slow);
-  EXPECT_NE(slow.error().message.find("frames of 1.92 MB need 161 ms"), std::string::npos)
-      << slow.error().message;
-  EXPECT_FALSE(CheckInTime({1200 * 1600, 1500, 4000}, share, 165)) << "with shorter packets";
+  EXPECT_EQ(slow.error().ToString(),
+            "uplinks.switch: with 90 cameras, frames of 1.92 MB need 161 ms from the pulse on in "
+            "packets of 9000 bytes, but capture.deadline_ms is 160");
+  EXPECT_FALSE(CheckInTime({1200 * 1600, 1500, 4000}, load, 165)) << "with shorter packets";
+}
+
+TEST(Bandwidth, LongTimesArePlainNumbers) {
+  const UplinkLoad slow{"switch", 90, 45e6, 1e9};
+  const Status refused = CheckInTime({1200 * 1600, 9000, 4000}, slow, 2000);
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("need 34871 ms"), std::string::npos)
+      << refused.error().message;
 }
 
 }  // namespace

@@ -28,11 +28,11 @@ TEST(MatchCameras, FillsInAddressesAndNamesWhatIsWrong) {
   ASSERT_EQ(match.problems.size(), 3u);
   EXPECT_EQ(match.problems[0].ToString(), "c: serial S3 expected at 10.0.0.3, found S1b");
   EXPECT_EQ(match.problems[1].ToString(),
-            "d: serial S4 expected at 10.0.0.4, found nothing there (it is at 10.0.0.7)");
+            "d: serial S4 is at 10.0.0.7, but configured at 10.0.0.4, where nobody answers");
+  EXPECT_EQ(match.problems[1].code, ErrorCode::kBadInput);
   EXPECT_EQ(match.problems[2].ToString(), "e: serial S5 was not found on any network");
-  ASSERT_EQ(match.unused.size(), 2u);
-  EXPECT_EQ(match.unused[0].serial, "S4");
-  EXPECT_EQ(match.unused[1].serial, "S8");
+  ASSERT_EQ(match.unused.size(), 1u) << "S4 is in the configuration, at another address";
+  EXPECT_EQ(match.unused[0].serial, "S8");
 }
 
 TEST(MatchCameras, SeesSwappedCables) {

@@ -97,6 +97,16 @@ struct Seen {
   std::vector<sim::Exposure> exposures;
 };
 
+/// The first camera's state once it has been refused.
+CameraState StateOfRefused(const CaptureSession& session) {
+  for (int i = 0; i < 2000 && session.States().front().problem.empty(); ++i) {
+    std::this_thread::sleep_for(10ms);
+  }
+  const CameraState state = session.States().front();
+  EXPECT_EQ(state.condition, CameraCondition::kLost);
+  return state;
+}
+
 TEST(CaptureSession, ASizeThatTheSensorDoesNotHaveIsRefusedWithTheOnesItHas) {
   SimulatedRig::Options options = RigOf("127.32.21", 1);
   SimulatedRig rig(options);
@@ -112,6 +122,39 @@ TEST(CaptureSession, ASizeThatTheSensorDoesNotHaveIsRefusedWithTheOnesItHas) {
             std::string::npos)
       << problem;
 }
+
+/// A setting that the cameras refuse, and what they say of it.
+struct RefusedSetting {
+  const char* name;
+  const char* block;
+  std::function<void(CameraSettings&)> change;
+  const char* setting;
+  const char* allowed;
+};
+
+void PrintTo(const RefusedSetting& setting, std::ostream* out) { *out << setting.name; }
+
+class RefusedSettings : public testing::TestWithParam<RefusedSetting> {};
+
+TEST_P(RefusedSettings, AreToldWithTheRangeThatIsAllowed) {
+  SimulatedRig rig(RigOf(GetParam().block, 1));
+  GetParam().change(rig.capture().settings);
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  const std::string problem = StateOfRefused(**session).problem;
+  EXPECT_NE(problem.find(GetParam().setting), std::string::npos) << problem;
+  EXPECT_NE(problem.find(GetParam().allowed), std::string::npos) << problem;
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    CaptureSession, RefusedSettings,
+    testing::Values(RefusedSetting{"Exposure", "127.32.43",
+                                   [](CameraSettings& settings) { settings.exposure_us = 2e6; },
+                                   "exposure_us = 2000000: ", "; allowed are 10 to 1000000"},
+                    RefusedSetting{"Gain", "127.32.44",
+                                   [](CameraSettings& settings) { settings.gain_db = 30; },
+                                   "gain_db = 30: ", "; allowed are 0 to 24"}),
+    [](const auto& info) { return std::string(info.param.name); });
 
 TEST(CaptureSession, SettingsArriveInTheCamerasAndStatesTellThem) {
   Seen seen;
@@ -456,6 +499,25 @@ TEST(CaptureSession, ACameraWhoseClockHasNotHeardThePtpMasterSaysSoWhileItIsOpen
   EXPECT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u) << (*session)->States()[1].problem;
 }
 
+TEST(CaptureSession, ACameraWhoseClockNeverHearsThePtpMasterHasNoClock) {
+  SimulatedRig rig(RigOf("127.32.42", 2));
+  rig.capture().settings.ptp = true;
+  rig.capture().retries = 0;
+  ASSERT_TRUE(rig.server().SetFault(1, {FaultKind::kNoPtp, 0, 0}));
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  const auto condition = [&](int i) { return (*session)->States()[i].condition; };
+  while (condition(0) != CameraCondition::kReady || condition(1) != CameraCondition::kLost) {
+    std::this_thread::sleep_for(10ms);
+  }
+  EXPECT_STREQ(ConditionName((*session)->States()[1]), "no clock");
+  const auto shot = (*session)->Capture();
+  ASSERT_TRUE(shot) << shot.error().ToString();
+  EXPECT_EQ(shot->Summary(),
+            "1/2 ok; c001 no clock (its clock does not follow the PTP master: PtpStatus: is "
+            "Listening, expected Slave (is there a PTP master?))");
+}
+
 TEST(CaptureSession, CamerasThatGiveNoWarmUpFrameSayTheSame) {
   SimulatedRig rig(RigOf("127.32.29", 3));
   for (const int i : {1, 2}) {
@@ -520,6 +582,20 @@ TEST(CaptureSession, NamesCamerasThatAreNotWhereTheyShouldBe) {
   EXPECT_EQ(shot->OkCount(), 1u);
   EXPECT_STREQ(VerdictName(shot->cameras[1].verdict), "wrong camera");
   EXPECT_STREQ(VerdictName(shot->cameras[3].verdict), "disconnected");
+}
+
+TEST(CaptureSession, ACameraAtAnotherAddressIsToldWithBothAddresses) {
+  SimulatedRig::Options options = RigOf("127.32.41", 2);
+  options.like.serial = "ELSEWHERE";  // other tests' cameras answer too
+  SimulatedRig rig(options);
+  rig.capture().cameras[1].address = "127.32.41.200";
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  while ((*session)->States()[1].problem.empty()) std::this_thread::sleep_for(10ms);
+  EXPECT_EQ((*session)->States()[1].problem,
+            "serial " + rig.capture().cameras[1].serial +
+                " is at 127.32.41.2, but configured at 127.32.41.200, where nobody answers");
+  EXPECT_STREQ(ConditionName((*session)->States()[1]), "disconnected");
 }
 
 TEST(CaptureSession, FindsCamerasBySerialAlone) {
@@ -741,16 +817,6 @@ TEST(CaptureSession, AnErrorThatIsNotUnderstoodIsNotCalledLostControl) {
   EXPECT_EQ((*session)->WaitUntilReady(kReadyPatience), 3u) << "it is opened again";
 }
 
-/// The first camera's state once it has been refused.
-CameraState StateOfRefused(const CaptureSession& session) {
-  for (int i = 0; i < 2000 && session.States().front().problem.empty(); ++i) {
-    std::this_thread::sleep_for(10ms);
-  }
-  const CameraState state = session.States().front();
-  EXPECT_EQ(state.condition, CameraCondition::kLost);
-  return state;
-}
-
 TEST(CaptureSession, ACameraThatDoesNotKeepItsSettingsSaysWhich) {
   SimulatedRig::Options options = RigOf("127.32.18", 2);
   options.like.max_packet_delay_ns = 5000;
@@ -766,7 +832,9 @@ TEST(CaptureSession, ACameraThatDoesNotKeepItsSettingsSaysWhich) {
 }
 
 TEST(CaptureSession, WholeSensorsThatTheNetworkIsTooSlowForAreRefused) {
-  SimulatedRig rig(RigOf("127.32.19", 2));
+  SimulatedRig::Options options = RigOf("127.32.19", 2);
+  options.like.max_packet_delay_ns = 5000;  // it must not be told of the gap instead
+  SimulatedRig rig(options);
   // 300x400 pixels of two cameras over 9 Mbit/s take 0.2 s; how large they are, only they know.
   rig.capture().uplinks = {{"loop", 10, 10}};
   rig.capture().timing.deadline_ms = 100;
@@ -774,7 +842,9 @@ TEST(CaptureSession, WholeSensorsThatTheNetworkIsTooSlowForAreRefused) {
   const auto session = rig.Open();
   ASSERT_TRUE(session) << session.error().ToString();
   const CameraState state = StateOfRefused(**session);
-  EXPECT_NE(state.problem.find("frames of 0.12 MB need 2"), std::string::npos) << state.problem;
+  EXPECT_NE(state.problem.find("uplinks.loop: with 2 cameras, frames of 0.12 MB need 2"),
+            std::string::npos)
+      << state.problem;
   EXPECT_NE(state.problem.find("capture.deadline_ms is 100"), std::string::npos) << state.problem;
 }
 

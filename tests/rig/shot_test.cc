@@ -98,6 +98,30 @@ TEST(Shot, SaysAReasonThatSeveralCamerasShareOnce) {
   EXPECT_EQ(shot.Summary(), "0/10 ok, no camera gave a picture; all disconnected (no power?)");
 }
 
+TEST(Shot, TellsTheRangeOfMeasuredFiguresThatDiffer) {
+  Shot shot = ShotOf(std::vector<int64_t>(7, 0));
+  Refuse(shot.cameras[0], Verdict::kLate, "came 1004 ms after the pulse, allowed are 500");
+  Refuse(shot.cameras[1], Verdict::kLate, "came 904 ms after the pulse, allowed are 500");
+  Refuse(shot.cameras[2], Verdict::kLate, "came 931 ms after the pulse, allowed are 500");
+  Refuse(shot.cameras[3], Verdict::kSkewed, "2500.0 us after the others, allowed are 1000.0 us");
+  Refuse(shot.cameras[4], Verdict::kSkewed, "2500.5 us after the others, allowed are 1000.0 us");
+  Refuse(shot.cameras[5], Verdict::kSkewed, "2500.5 us before the others, allowed are 1000.0 us");
+  EXPECT_EQ(shot.Summary(),
+            "1/7 ok; "
+            "3 late (came 904 to 1004 ms after the pulse, allowed are 500): c0, c1, c2; "
+            "2 skewed (2500.0 to 2500.5 us after the others, allowed are 1000.0 us): c3, c4; "
+            "c5 skewed (2500.5 us before the others, allowed are 1000.0 us)");
+}
+
+TEST(Shot, MakesNoRangeOfSerialNumbers) {
+  Shot shot = ShotOf({0, 0, 0});
+  Refuse(shot.cameras[0], Verdict::kDisconnected, "serial 77 was not found");
+  Refuse(shot.cameras[1], Verdict::kDisconnected, "serial 78 was not found");
+  EXPECT_EQ(shot.Summary(),
+            "1/3 ok; c0 disconnected (serial 77 was not found); "
+            "c1 disconnected (serial 78 was not found)");
+}
+
 TEST(Shot, APictureThatIsNotGoodIsAPicture) {
   Shot shot = ShotOf({0, 0});
   for (CameraShot& camera : shot.cameras) Refuse(camera, Verdict::kLate, "slow");
@@ -120,6 +144,10 @@ TEST(Shot, SuspectsTheTriggerLineWhenNobodyWhoWaitedSawThePulse) {
   EXPECT_FALSE(suspects(shot)) << "it had seen the pulse";
   shot.cameras[0].verdict = Verdict::kInterrupted;
   EXPECT_FALSE(suspects(shot)) << "it may still have sent a frame";
+  shot.cameras[0].verdict = Verdict::kNoClock;
+  EXPECT_TRUE(suspects(shot)) << "it was not used: " << shot.Summary();
+  shot.cameras[0].arrival_ms = 200;
+  EXPECT_FALSE(suspects(shot)) << "it had seen the pulse";
   shot.cameras[0].verdict = shot.cameras[1].verdict = Verdict::kDisconnected;
   EXPECT_FALSE(suspects(shot)) << "one alone: its own cable";
 }

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "sfm/core/calibration.h"
+#include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
 #include "tests/support/process.h"
 #include "tests/support/rotunda_command.h"
@@ -62,6 +63,7 @@ class CaptureCommand : public testing::Test {
     WriteConfig("odd.toml", *set, "[trigger]\ncamera_input = \"Opto\"\n");
     WriteConfig("patient.toml", *set, "", 60000);
     WriteConfig("ptp.toml", *set, "", 1500, true);
+    WriteMovedConfig();
     FrameSet wrong = *set;
     wrong.frames[1].serial = "OTHER";
     WriteConfig("wrong.toml", wrong, "");
@@ -89,6 +91,13 @@ class CaptureCommand : public testing::Test {
       config << "[cameras." << set.frames[i].camera << "]\nserial = \"" << set.frames[i].serial
              << "\"\naddress = \"" << kBlock << '.' << i + 1 << "\"\n";
     }
+  }
+  /// The last camera is not where the configuration has it.
+  static void WriteMovedConfig() {
+    std::string config = ReadFile(*folder_ / "rig.toml").value();
+    const std::string last = std::string(kBlock) + ".4\"";
+    config.replace(config.find(last), last.size(), std::string(kBlock) + ".200\"");
+    std::ofstream(*folder_ / "moved.toml") << config;
   }
   static void TearDownTestSuite() {
     cameras_.reset();
@@ -379,6 +388,10 @@ TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   EXPECT_TRUE(Contains(less.output, " ready        held ")) << less.output;
   EXPECT_TRUE(Contains(less.output, " disconnected - ")) << less.output;
   EXPECT_TRUE(Contains(less.output, " 1, ") && Contains(less.output, " s ago")) << less.output;
+  ASSERT_EQ(cameras_->Send({"fault", std::string(kBlock) + ".2", "unplug"}).exit_code, 0);
+  const ProcessOutcome two = RunRotunda({"cameras", "--rig", *folder_ / "rig.toml"});
+  EXPECT_TRUE(Contains(two.output, "\n2 disconnected (no camera answers")) << two.output;
+  EXPECT_EQ(CountOf(two.output, "no camera answers"), 1u) << two.output;
 }
 
 TEST_F(CaptureCommand, CamerasCallsAnotherSerialAWrongCamera) {
@@ -388,6 +401,16 @@ TEST_F(CaptureCommand, CamerasCallsAnotherSerialAWrongCamera) {
   EXPECT_EQ(cameras[0].at("condition"), "ready");
   EXPECT_EQ(cameras[1].at("condition"), "wrong camera");
   EXPECT_TRUE(Contains(cameras[1].at("problem"), "serial OTHER expected at ")) << cameras[1];
+}
+
+TEST_F(CaptureCommand, ACameraAtAnotherAddressIsNoUnknownOne) {
+  const ProcessOutcome told = RunRotunda({"cameras", "--rig", *folder_ / "moved.toml"});
+  EXPECT_EQ(told.exit_code, 1);
+  EXPECT_TRUE(Contains(told.output, "c00r3 disconnected (serial CAPT3 is at " +
+                                        std::string(kBlock) + ".4, but configured at " + kBlock +
+                                        ".200, where nobody answers)"))
+      << told.output;
+  EXPECT_FALSE(Contains(told.output, "CAPT3 at ")) << "in the configuration: " << told.output;
 }
 
 TEST_F(CaptureCommand, WrongUsageIsRefused) {

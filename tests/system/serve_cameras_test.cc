@@ -126,6 +126,13 @@ TEST_F(ServeCameras, WrongUsageIsRefused) {
   EXPECT_EQ(Simulate({"--serve", "/nonexistent"}).exit_code, 1);
 }
 
+TEST_F(ServeCameras, HelpTellsTheWholePulseCommandTheSocketAndHowServingEnds) {
+  const std::string help = Simulate({"--help"}).output;
+  EXPECT_TRUE(Contains(help, "pulse [LINE [EDGE_NS [WIDTH_US]]]")) << help;
+  EXPECT_TRUE(Contains(help, "/tmp/rotunda-cameras-UID.sock")) << help;
+  EXPECT_TRUE(Contains(help, "exit status 0")) << help;
+}
+
 TEST_F(ServeCameras, SeveralCamerasCanBeMoved) {
   EXPECT_EQ(Simulate({"out", "--move", "c00r0", "far"}).exit_code, 2);
   EXPECT_EQ(Simulate({"out", "--move", "c00r0"}).exit_code, 2);
