@@ -1,7 +1,6 @@
 #include "rig/complaints.h"
 
 #include <algorithm>
-#include <regex>
 #include <utility>
 
 #include "sfm/core/name_list.h"
@@ -15,16 +14,33 @@ struct CutText {
   std::vector<std::string> figures;
 };
 
+bool IsDigit(char c) { return c >= '0' && c <= '9'; }
+
+size_t EndOfDigits(const std::string& text, size_t begin) {
+  while (begin < text.size() && IsDigit(text[begin])) ++begin;
+  return begin;
+}
+
+/// Behind the figure that begins at `begin`: digits, with or without a fraction.
+size_t EndOfFigure(const std::string& text, size_t begin) {
+  const size_t end = EndOfDigits(text, begin);
+  const bool has_fraction = end + 1 < text.size() && text[end] == '.' && IsDigit(text[end + 1]);
+  return has_fraction ? EndOfDigits(text, end + 1) : end;
+}
+
 CutText CutAtFigures(const std::string& text) {
-  static const std::regex kFigure("[0-9]+(\\.[0-9]+)?");
   CutText cut;
-  auto rest = text.begin();
-  for (std::sregex_iterator it(text.begin(), text.end(), kFigure), end; it != end; ++it) {
-    cut.words.emplace_back(rest, (*it)[0].first);
-    cut.figures.push_back(it->str());
-    rest = (*it)[0].second;
+  cut.words.emplace_back();
+  for (size_t at = 0; at < text.size();) {
+    if (!IsDigit(text[at])) {
+      cut.words.back() += text[at++];
+      continue;
+    }
+    const size_t end = EndOfFigure(text, at);
+    cut.figures.push_back(text.substr(at, end - at));
+    cut.words.emplace_back();
+    at = end;
   }
-  cut.words.emplace_back(rest, text.end());
   return cut;
 }
 
