@@ -69,20 +69,39 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
   return AlternativePose{image, pose->cam_from_model};
 }
 
-double EvidenceAgainst(const std::vector<MeetingCount>& regions) {
+using RegionCounts = std::vector<MeetingCount>;
+
+/// Region by region, over all images; empty without images.
+RegionCounts SumOver(const std::vector<RegionCounts>& images) {
+  RegionCounts total;
+  for (const RegionCounts& of_image : images) {
+    total.resize(std::max(total.size(), of_image.size()));
+    for (size_t r = 0; r < of_image.size(); ++r) {
+      total[r].expected += of_image[r].expected;
+      total[r].met += of_image[r].met;
+    }
+  }
+  return total;
+}
+
+/// Of regions that images at their own poses meet but the alternatives miss: one that is hardly met
+/// from anywhere tells nothing.
+double EvidenceAgainst(const RegionCounts& at_alternatives, const RegionCounts& at_own) {
   double evidence = 0;
-  for (const MeetingCount& count : regions) {
-    if (count.expected < kMinExpected) continue;
+  for (size_t r = 0; r < at_alternatives.size(); ++r) {
+    const MeetingCount& count = at_alternatives[r];
+    if (std::min(count.expected, at_own[r].expected) < kMinExpected) continue;
+    const double own = std::min(kMetShare, static_cast<double>(at_own[r].met) / at_own[r].expected);
     const double rate = std::max(0.005, static_cast<double>(count.met) / count.expected);
-    if (rate > kMissedRatio * kMetShare) continue;
-    evidence += count.met * std::log(rate / kMetShare) +
-                (count.expected - count.met) * std::log((1 - rate) / (1 - kMetShare));
+    if (rate > kMissedRatio * own) continue;
+    evidence += count.met * std::log(rate / own) +
+                (count.expected - count.met) * std::log((1 - rate) / (1 - own));
   }
   return evidence;
 }
 
 /// Log-likelihood of seeing none of the regions that one image misses rather than all, <= 0.
-double Missed(const std::vector<MeetingCount>& regions) {
+double Missed(const RegionCounts& regions) {
   double missed = 0;
   for (const MeetingCount& count : regions) {
     missed += std::min(
@@ -112,27 +131,26 @@ Alternatives FindAlternatives(const Reconstruction& model, const Features& featu
   for (const auto& pose : poses) {
     if (pose) alternatives.poses.push_back(*pose);
   }
+  if (alternatives.poses.empty()) return alternatives;
   const ViewGraph everything = BuildViewGraph(features, two_views);
   const CovisibilityCounter counter(model, features, two_views, everything, covisibility);
-  std::vector<std::vector<MeetingCount>> counts(alternatives.poses.size());
+  std::vector<RegionCounts> at_own(ties.size()), at_alternatives(alternatives.poses.size());
   context.threads.ParallelFor(
-      counts.size(),
-      [&](size_t a) {
-        AlternativePose& pose = alternatives.poses[a];
-        counts[a] = counter.CountAt(pose.image, pose.cam_from_model);
-        const Rigid3& own = *model.cam_from_model[pose.image.index()];
-        pose.evidence_against = Missed(counter.CountAt(pose.image, own)) - Missed(counts[a]);
+      at_own.size(),
+      [&](size_t i) {
+        if (!model.Registered(ImageId(i))) return;
+        at_own[i] = counter.CountAt(ImageId(i), *model.cam_from_model[i]);
       },
       context.stop);
-  std::vector<MeetingCount> total;
-  for (const std::vector<MeetingCount>& of_image : counts) {
-    total.resize(of_image.size());
-    for (size_t r = 0; r < total.size(); ++r) {
-      total[r].expected += of_image[r].expected;
-      total[r].met += of_image[r].met;
-    }
-  }
-  alternatives.evidence_against = EvidenceAgainst(total);
+  context.threads.ParallelFor(
+      at_alternatives.size(),
+      [&](size_t a) {
+        AlternativePose& pose = alternatives.poses[a];
+        at_alternatives[a] = counter.CountAt(pose.image, pose.cam_from_model);
+        pose.evidence_against = Missed(at_own[pose.image.index()]) - Missed(at_alternatives[a]);
+      },
+      context.stop);
+  alternatives.evidence_against = EvidenceAgainst(SumOver(at_alternatives), SumOver(at_own));
   return alternatives;
 }
 

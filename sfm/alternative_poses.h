@@ -25,8 +25,9 @@ struct AlternativePose {
 
 struct Alternatives {
   std::vector<AlternativePose> poses;  // sorted by image
-  /// Log-likelihood (natural) by which what the images should meet there, and do not, speaks
-  /// against the alternatives, all together: look-alike structure is one decision, not many.
+  /// Log-likelihood (natural) by which what the images should meet there, and do not, although it
+  /// is met where the model has them, speaks against the alternatives, all together: look-alike
+  /// structure is one decision, not many.
   double evidence_against = 0;
 };
 

@@ -195,6 +195,7 @@ std::map<std::string, std::string> DescribeOptions(const Run& run, bool refine_i
       {"max_keypoints", std::to_string(run.options.features.max_keypoints)},
       {"seed", std::to_string(run.context.seed)}};
   if (run.options.method != Method::kPlain) described["preset"] = run.options.preset;
+  if (run.options.calibration_prior) described["prior"] = "calibration";
   for (const auto& [name, value] : run.options.settings) described["set " + name] = value;
   return described;
 }
@@ -255,6 +256,17 @@ Result<Segments> LabelSegments(const Run& run, const FrontEnd& front, const TcSf
                        run.options.segments);
 }
 
+/// The calibrated poses, when they are to be a prior.
+CalibratedPoses PriorOf(const Run& run) {
+  CalibratedPoses poses;
+  if (!run.options.calibration_prior) return poses;
+  for (const Frame& frame : run.set.frames) {
+    const CalibratedCamera* camera = run.calibration->Find(frame.camera);
+    poses.push_back(camera ? std::optional(camera->cam_from_rig) : std::nullopt);
+  }
+  return poses;
+}
+
 Result<Built> BuildModels(const Run& run, const FrontEnd& front,
                           const IncrementalOptions& incremental) {
   Built built;
@@ -264,7 +276,8 @@ Result<Built> BuildModels(const Run& run, const FrontEnd& front,
     ROTUNDA_ASSIGN_OR_RETURN(built.models, BuildReconstructions(input, incremental, run.context));
     return built;
   }
-  const TcSfmInput input{front.features, front.intrinsics, front.two_views, front.view_graph};
+  const TcSfmInput input{front.features, front.intrinsics, front.two_views, front.view_graph,
+                         PriorOf(run)};
   if (run.options.method == Method::kLiteral) {
     ROTUNDA_ASSIGN_OR_RETURN(
         LiteralResult literal,
@@ -309,6 +322,19 @@ void NoteDoubtfulSides(const FrameSet& set, const TcSfmResult& result,
   }
 }
 
+void NoteUnusedPrior(const FrameSet& set, const TcSfmResult& result,
+                     std::vector<std::string>& notes) {
+  if (result.not_as_calibrated.empty()) return;
+  std::vector<std::string> names;
+  for (const ImageId image : result.not_as_calibrated) {
+    names.push_back(set.frames[image.index()].camera);
+  }
+  notes.push_back(
+      "the calibration was no prior for cameras whose pictures contradict it (moved, "
+      "swapped?): " +
+      ListOfNames(names));
+}
+
 /// Nobody would miss them otherwise.
 void NoteAbsentCameras(const Run& run, const PoseSet& poses, std::vector<std::string>& notes) {
   if (!run.calibration) return;
@@ -338,6 +364,7 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
     reference.notes.insert(reference.notes.begin(), built.tc_sfm->notes.begin(),
                            built.tc_sfm->notes.end());
     NoteDoubtfulSides(run.set, *built.tc_sfm, reference.notes);
+    NoteUnusedPrior(run.set, *built.tc_sfm, reference.notes);
   }
   if (reference.covariances) AddSigmas(*reference.covariances, model.intrinsics, poses);
   if (reference.alignment) {
@@ -381,6 +408,10 @@ Result<Stage> StageFromName(std::string_view name) {
 }
 
 Status PipelineOptions::Validate() const {
+  if (calibration_prior && method != Method::kTcSfm) {
+    return Error{ErrorCode::kInvalidArgument, std::string("has no effect on ") + MethodName(method),
+                 "prior"};
+  }
   if (start_from && !stages_folder) {
     return Error{ErrorCode::kInvalidArgument,
                  "starting from a stage needs the folder of the stages", ""};
@@ -417,6 +448,9 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
                  set.folder.string()};
   }
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
+  if (options.calibration_prior && !calibration) {
+    return Error{ErrorCode::kInvalidArgument, "needs a calibration, and there is none", "prior"};
+  }
   ROTUNDA_RETURN_IF_ERROR(CheckStages(run));
   ROTUNDA_ASSIGN_OR_RETURN(FrontEnd front, RunFrontEnd(run));
 

@@ -38,6 +38,9 @@ Result<Stage> StageFromName(std::string_view name);  // "features", "matches", "
 struct PipelineOptions {
   Method method = Method::kTcSfm;
   PairSelection pairs = PairSelection::kExhaustive;
+  /// The calibrated poses, not only the lenses, help to tell look-alike sides apart (tc-sfm). The
+  /// result is then no independent evidence that the rig is still where its calibration says.
+  bool calibration_prior = false;
   std::optional<bool> refine_intrinsics;  // unset: refined when they do not come from a calibration
   FeatureOptions features;
   MatchOptions matching;

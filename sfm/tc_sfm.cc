@@ -23,7 +23,8 @@ struct State {
   const TcSfmInput& input;
   const TcSfmOptions& options;
   RunContext& context;
-  std::vector<bool> refuted;  // parallel to the edges: by the groups of a draft
+  std::vector<bool> refuted;  // parallel to the edges: by the groups of a draft or the prior
+  std::vector<bool> placed;   // by ImageId: its side is known from the calibration
   int unfoldings = 0;         // how often a draft or a finished model was found to be folded
   TcSfmResult result;
 };
@@ -213,8 +214,8 @@ Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
 }
 
 /// Images of the first model that are more like one that contradicts their pose than like any that
-/// agrees with it, unless what they fail to meet decides for their pose; and those of which it
-/// decides for the alternative.
+/// agrees with it, unless what they fail to meet or the prior decides for their pose; and those of
+/// which it decides for the alternative.
 std::vector<ImageId> DoubtfulImages(const State& state, const Alternatives& alternatives) {
   const TcSfmInput& input = state.input;
   const Reconstruction& model = state.result.models.models.front();
@@ -235,7 +236,7 @@ std::vector<ImageId> DoubtfulImages(const State& state, const Alternatives& alte
   }
   std::vector<ImageId> doubtful;
   for (size_t i = 0; i < agreeing.size(); ++i) {
-    if (contradicting[i] > agreeing[i]) doubtful.push_back(ImageId(i));
+    if (contradicting[i] > agreeing[i] && !state.placed[i]) doubtful.push_back(ImageId(i));
   }
   return doubtful;
 }
@@ -255,12 +256,23 @@ std::string GapReason(double gap_deg) {
          "not surround it, --preset internet)";
 }
 
+/// What tells look-alike parts of the subject apart.
+enum class ToldApart { kNothing, kPictures, kCalibration };
+
+ToldApart WhatTellsApart(const State& state, const Alternatives& alternatives) {
+  if (state.result.evidence >= state.options.min_evidence) return ToldApart::kPictures;
+  const bool placed =
+      std::all_of(alternatives.poses.begin(), alternatives.poses.end(),
+                  [&](const AlternativePose& pose) { return state.placed[pose.image.index()]; });
+  return placed ? ToldApart::kCalibration : ToldApart::kNothing;
+}
+
 /// Why the verdict is not better, or what it rests on.
-std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidence,
+std::string ReasonFor(const TcSfmResult& result, double gain, ToldApart told_apart,
                       const std::optional<double>& gap_deg) {
   if (gain > 0) return "the poses lay different parts of the subject over each other";
   if (gap_deg) return GapReason(*gap_deg);
-  if (result.evidence < min_evidence) {
+  if (told_apart == ToldApart::kNothing) {
     return "parts of the subject look alike and nothing tells them apart";
   }
   if (!result.doubtful.empty()) {
@@ -269,7 +281,9 @@ std::string ReasonFor(const TcSfmResult& result, double gain, double min_evidenc
   if (result.models.models.size() > 1) {
     return "the reconstruction is in " + std::to_string(result.models.models.size()) + " pieces";
   }
-  return std::isinf(result.evidence) ? "nothing looks alike" : "what looks alike was told apart";
+  if (std::isinf(result.evidence)) return "nothing looks alike";
+  return std::string("what looks alike was told apart") +
+         (told_apart == ToldApart::kCalibration ? " by the calibration" : "");
 }
 
 /// The finished model and what it says of itself.
@@ -284,10 +298,11 @@ Status Judge(State& state, double gain) {
                                                : alternatives.evidence_against;
   result.doubtful = DoubtfulImages(state, alternatives);
   const std::optional<double> gap_deg = GapInRing_deg(model, state.options);
-  const bool told_apart = result.evidence >= state.options.min_evidence && !gap_deg &&
-                          result.doubtful.empty() && result.models.models.size() == 1;
-  result.reason = ReasonFor(result, gain, state.options.min_evidence, gap_deg);
-  result.verdict = gain > 0 ? Verdict::kFolded : told_apart ? Verdict::kSure : Verdict::kUnsure;
+  const ToldApart told_apart = WhatTellsApart(state, alternatives);
+  const bool sure = told_apart != ToldApart::kNothing && !gap_deg && result.doubtful.empty() &&
+                    result.models.models.size() == 1;
+  result.reason = ReasonFor(result, gain, told_apart, gap_deg);
+  result.verdict = gain > 0 ? Verdict::kFolded : sure ? Verdict::kSure : Verdict::kUnsure;
   return {};
 }
 
@@ -319,6 +334,19 @@ Status FinishUnfolded(State& state, const IncrementalOptions& incremental) {
   }
 }
 
+/// Refutes what the calibration refutes, when it is to be a prior.
+Status ApplyPrior(State& state) {
+  const CalibratedPoses& calibrated = state.input.calibrated;
+  if (calibrated.empty()) return {};
+  ROTUNDA_ASSIGN_OR_RETURN(CalibrationPrior prior,
+                           BuildCalibrationPrior(state.input.view_graph, state.input.two_views,
+                                                 calibrated, state.options.prior));
+  state.refuted = std::move(prior.refuted);
+  state.placed = std::move(prior.placed);
+  state.result.not_as_calibrated = std::move(prior.contradicted);
+  return {};
+}
+
 std::vector<EdgeVerdict> VerdictsOf(const TcSfmInput& input, const TcSfmResult& result) {
   std::vector<EdgeVerdict> verdicts;
   for (const ViewGraphEdge& edge : input.view_graph.edges) {
@@ -343,6 +371,7 @@ const char* VerdictName(Verdict verdict) {
 }
 
 Status TcSfmOptions::Validate() const {
+  ROTUNDA_RETURN_IF_ERROR(prior.Validate());
   ROTUNDA_RETURN_IF_ERROR(consistency.Validate());
   ROTUNDA_RETURN_IF_ERROR(covisibility.Validate());
   ROTUNDA_RETURN_IF_ERROR(merging.Validate());
@@ -370,10 +399,16 @@ Status TcSfmOptions::Validate() const {
 Result<TcSfmResult> RunTcSfm(const TcSfmInput& input, const TcSfmOptions& options,
                              const IncrementalOptions& incremental, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
-  State state = {input, options, context, std::vector<bool>(input.view_graph.edges.size(), false),
-                 0,     {}};
+  State state = {input,
+                 options,
+                 context,
+                 std::vector<bool>(input.view_graph.edges.size(), false),
+                 std::vector<bool>(input.features.images.size(), false),
+                 0,
+                 {}};
   state.result.certainty.assign(input.features.images.size(),
                                 std::numeric_limits<double>::infinity());
+  ROTUNDA_RETURN_IF_ERROR(ApplyPrior(state));
   ROTUNDA_RETURN_IF_ERROR(FinishUnfolded(state, incremental));
   state.result.verdicts = VerdictsOf(input, state.result);
   return std::move(state.result);

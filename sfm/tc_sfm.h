@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm/calibration_prior.h"
 #include "sfm/consistent_view_graph.h"
 #include "sfm/core/result.h"
 #include "sfm/core/run_context.h"
@@ -22,6 +23,7 @@ namespace rotunda::sfm {
 struct TcSfmOptions {
   bool consistent_view_graph = true;  // edges that contradict the rotations of the others go first
   bool unfolding = true;              // groups of images that do not meet what they should
+  CalibrationPriorOptions prior;
   ConsistencyOptions consistency;
   CovisibilityOptions covisibility;
   MergeOptions merging;
@@ -42,6 +44,7 @@ struct TcSfmInput {
   const Intrinsics& intrinsics;
   const TwoViews& two_views;
   const ViewGraph& view_graph;
+  CalibratedPoses calibrated = {};  // a prior, when asked for
 };
 
 enum class Verdict {
@@ -64,6 +67,8 @@ struct TcSfmResult {
   /// Images that may be on the wrong side: their heaviest edge of all contradicts their pose and
   /// what they fail to meet does not decide for it, or it decides for the alternative.
   std::vector<ImageId> doubtful;
+  /// Calibrated, but the pictures contradict it: TcSfmInput::calibrated was no prior for them.
+  std::vector<ImageId> not_as_calibrated;
   std::vector<std::string> notes;
 };
 

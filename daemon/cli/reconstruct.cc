@@ -24,6 +24,7 @@ struct ReconstructArguments {
   sfm::Preset preset = sfm::Preset::kRig;
   std::vector<std::string> settings;
   sfm::PairSelection pairs = sfm::PairSelection::kExhaustive;
+  bool calibration_prior = false;
   bool fix_intrinsics = false;
   bool refine_intrinsics = false;
   std::optional<fs::path> database;
@@ -46,6 +47,7 @@ Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) 
     ROTUNDA_RETURN_IF_ERROR(sfm::SetOption(setting.substr(0, equals), value, options));
   }
   options.pairs = arguments.pairs;
+  options.calibration_prior = arguments.calibration_prior;
   if (arguments.fix_intrinsics) options.refine_intrinsics = false;
   if (arguments.refine_intrinsics) options.refine_intrinsics = true;
   options.database = arguments.database;
@@ -231,6 +233,12 @@ void AddMethodOptions(CLI::App* command, ReconstructArguments& arguments) {
       "(faster, blind to swapped cameras)",
       {{"exhaustive", sfm::PairSelection::kExhaustive},
        {"neighbours", sfm::PairSelection::kNeighbours}});
+  AddChoice<bool>(
+      command, "--prior", arguments.calibration_prior,
+      "calibration: calibrated poses help to tell look-alike sides apart, where the pictures show "
+      "nothing that does; the poses then no longer show by themselves that the rig is as "
+      "calibrated. Default: none, only lenses are taken from the calibration",
+      {{"none", false}, {"calibration", true}});
   CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments.fix_intrinsics,
                                        "Keep intrinsics (default when they are calibrated)");
   command

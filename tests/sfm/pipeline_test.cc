@@ -68,6 +68,19 @@ TEST(RunPipeline, RefusesBadOptionsBeforeItReadsAPicture) {
   }
 }
 
+TEST(RunPipeline, APriorNeedsACalibrationAndAMethodThatUsesIt) {
+  PipelineOptions options;
+  options.calibration_prior = true;
+  EXPECT_EQ(RefusalOf(WithoutPictures(), options), ErrorCode::kInvalidArgument);
+  EXPECT_TRUE(options.Validate().ok());
+  for (const Method method : {Method::kLiteral, Method::kPlain}) {
+    options.method = method;
+    const Status refused = options.Validate();
+    ASSERT_FALSE(refused.ok());
+    EXPECT_EQ(refused.error().context, "prior") << MethodName(method);
+  }
+}
+
 TEST(RunPipeline, TracksToStartFromAreThePlainMethods) {
   PipelineOptions options;
   options.stages_folder = "/nonexistent";

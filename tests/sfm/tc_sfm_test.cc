@@ -33,9 +33,11 @@ constexpr double kNear_rad = RadFromDeg(0.3), kNear_m = 0.008;
 
 class TcSfmTest : public ::testing::Test {
  protected:
-  Result<TcSfmResult> Run(const SyntheticWorld& world, const TcSfmOptions& options = {}) {
-    return RunTcSfm({world.features, world.intrinsics, world.two_views, world.view_graph}, options,
-                    {}, context_);
+  Result<TcSfmResult> Run(const SyntheticWorld& world, const TcSfmOptions& options = {},
+                          const CalibratedPoses& calibrated = {}) {
+    return RunTcSfm(
+        {world.features, world.intrinsics, world.two_views, world.view_graph, calibrated}, options,
+        {}, context_);
   }
   /// Largest rotation error of the first plain model.
   double PlainError_rad(const SyntheticWorld& world) {
@@ -110,6 +112,7 @@ TEST_F(TcSfmTest, WithoutUnfoldingTheFoldIsFoundAndSaid) {
   ASSERT_TRUE(result) << result.error().ToString();
   EXPECT_GT(ErrorsOf(result->models.models[0], world.cam_from_world).max_rotation_rad, kFolded_rad);
   EXPECT_EQ(result->verdict, Verdict::kFolded);
+  EXPECT_LT(result->evidence, options.min_evidence);
   EXPECT_FALSE(FoundAFoldedDraft(*result));
   options.unfolding = true;
   options.max_unfoldings = 0;
@@ -199,6 +202,60 @@ TEST_F(TcSfmTest, AWholeFoldThatNothingContradictsLeavesHalfTheRingEmpty) {
   EXPECT_EQ(unknown->verdict, Verdict::kSure) << unknown->reason;
 }
 
+/// No point tells the sides of the body apart, and its print goes round it or is on two of them.
+LookAlikeOptions UndistinguishedOptions(double print_half_width_deg) {
+  LookAlikeOptions options = FoldingOptions();
+  options.head_points = 0;
+  options.crossed_share = 1.0;
+  options.print_half_width_deg = print_half_width_deg;
+  options.match_range_deg = 20;
+  return options;
+}
+
+/// The truth but for what cameras have moved since it was measured, by a degree or so.
+CalibratedPoses CalibrationOf(const SyntheticWorld& world, uint64_t seed) {
+  NormalRandom random(seed);
+  CalibratedPoses poses;
+  for (const Rigid3& truth : world.cam_from_world) {
+    const Eigen::Vector3d turn_rad =
+        RadFromDeg(0.7) * Eigen::Vector3d(random.Normal(), random.Normal(), random.Normal());
+    poses.emplace_back(
+        Rigid3{Eigen::Quaterniond(Eigen::AngleAxisd(turn_rad.norm(), turn_rad.normalized())) *
+                   truth.rotation,
+               truth.translation});
+  }
+  return poses;
+}
+
+TEST_F(TcSfmTest, TheCalibrationAsAPriorDecidesWhatThePicturesDoNot) {
+  for (const double half_width_deg : {60.0, 90.0}) {
+    const SyntheticWorld world = MakeLookAlikeWorld(UndistinguishedOptions(half_width_deg)).world;
+    const auto without = Run(world);
+    ASSERT_TRUE(without) << without.error().ToString();
+    ASSERT_NE(without->verdict, Verdict::kSure) << half_width_deg;
+    const auto with = Run(world, {}, CalibrationOf(world, 1));
+    ASSERT_TRUE(with) << with.error().ToString();
+    EXPECT_EQ(NotNear(with->models.models[0], world.cam_from_world, kNear_rad, kNear_m), "")
+        << half_width_deg;
+    EXPECT_EQ(with->verdict, Verdict::kSure) << half_width_deg << ": " << with->reason;
+    EXPECT_EQ(with->reason, "what looks alike was told apart by the calibration");
+    EXPECT_LT(with->evidence, TcSfmOptions().min_evidence) << "that of the pictures stays";
+    EXPECT_TRUE(with->not_as_calibrated.empty());
+  }
+}
+
+TEST_F(TcSfmTest, ThePriorIsNotUsedForCamerasThatChangedPlaces) {
+  const SyntheticWorld world = MakeLookAlikeWorld(FoldingOptions()).world;
+  CalibratedPoses calibrated = CalibrationOf(world, 2);
+  const size_t other = world.cam_from_world.size() / 3;
+  std::swap(calibrated[0], calibrated[other]);
+  const auto result = Run(world, {}, calibrated);
+  ASSERT_TRUE(result) << result.error().ToString();
+  EXPECT_EQ(result->not_as_calibrated, (std::vector<ImageId>{ImageId(0), ImageId(other)}));
+  EXPECT_EQ(NotNear(result->models.models[0], world.cam_from_world, kNear_rad, kNear_m), "");
+  EXPECT_EQ(result->verdict, Verdict::kSure) << result->reason;
+}
+
 TEST_F(TcSfmTest, ChangesNothingWhereNothingLooksAlike) {
   for (uint64_t seed = 1; seed <= 2; ++seed) {
     SyntheticOptions options;
@@ -269,6 +326,9 @@ TEST_F(TcSfmTest, StopsWhenAskedToAndRefusesBadOptions) {
   options = {};
   options.covisibility.enclosure = 0;
   EXPECT_EQ(field_of(options), "enclosure");
+  options = {};
+  options.prior.min_agreeing_share = 0;
+  EXPECT_EQ(field_of(options), "min_agreeing_share");
 }
 
 TEST(Verdict, HasAName) {
