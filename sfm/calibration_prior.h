@@ -22,7 +22,7 @@ struct CalibrationPriorOptions {
   /// Of the weight of an image's edges: when less agrees with the calibration, its camera has been
   /// moved or swapped since, and the prior says nothing of it. (Where everything looks alike and
   /// all crossed matches are found it is 0.31 to 0.43, of a swapped camera about 0.)
-  double min_agreeing_share = 0.15;
+  double min_agreeing_share = 0.05;
   Status Validate() const;
 };
 
