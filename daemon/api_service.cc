@@ -21,6 +21,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+// For the status: more that wait for their reconstruction, or have none, are not looked behind.
+constexpr size_t kCapturesLookedAt = 20;
+
 /// Whether the calibration in force can be read. Its file is parsed when it has changed, not at
 /// every look: fifty clients may ask for the status. One looks at a time and nobody waits for it,
 /// so that a file that hangs holds up one alone.
@@ -126,14 +129,8 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
 }
 
-Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& overview) {
-  Store& store = parts.store;
-  ROTUNDA_ASSIGN_OR_RETURN(overview.calibration, ActiveCalibration(store));
-  ROTUNDA_ASSIGN_OR_RETURN(overview.queued_jobs, CountJobs(store, JobState::kQueued));
-  ROTUNDA_ASSIGN_OR_RETURN(const auto running, ListJobs(store, {}, JobState::kRunning));
-  overview.running = running.items;
-  ROTUNDA_ASSIGN_OR_RETURN(const auto captures, ListCaptures(store, {.limit = 1, .after = ""}));
-  if (!captures.items.empty()) overview.last_capture = captures.items.front();
+/// Cameras that are not where the calibration has them, or that nobody knows the place of.
+Status LookAtDrift(Store& store, Overview& overview) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<CameraDrift> drift, DriftNow(store));
   for (const CameraDrift& camera : drift) {
     if (!camera.moved) continue;
@@ -141,6 +138,46 @@ Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& ove
     overview.problems.push_back("camera " + camera.latest.camera +
                                 " has moved since the calibration; calibrate again");
   }
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<UnregisteredCamera> unregistered,
+                           UnregisteredNow(store));
+  for (const UnregisteredCamera& camera : unregistered) {
+    overview.problems.push_back(
+        "camera " + camera.latest.camera + " has no pose in the last " +
+        std::to_string(camera.captures) + " captures (" + camera.latest.reason +
+        "): is it turned away, covered or out of focus? Nobody knows whether it has moved");
+  }
+  return {};
+}
+
+/// Says so when the newest captures that were reconstructed are all not sure, as many as it takes
+/// to name a camera. Those that wait for their reconstruction say nothing yet.
+Status LookAtVerdicts(Store& store, Overview& overview) {
+  const size_t captures_to_tell = store.options().drift.captures;
+  ROTUNDA_ASSIGN_OR_RETURN(const auto newest,
+                           ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}));
+  if (!newest.items.empty()) overview.last_capture = newest.items.front();
+  std::vector<CaptureRecord> not_sure;
+  for (const CaptureRecord& capture : newest.items) {
+    if (!capture.reconstruction) continue;
+    if (capture.verdict != "unsure" && capture.verdict != "folded") break;
+    not_sure.push_back(capture);
+  }
+  if (not_sure.empty() || not_sure.size() < captures_to_tell) return {};
+  const CaptureRecord& latest = not_sure.front();
+  overview.problems.push_back("of the captures that were reconstructed the newest " +
+                              std::to_string(not_sure.size()) + " are not sure; " + latest.id +
+                              " is " + latest.verdict + ": " + latest.verdict_reason);
+  return {};
+}
+
+Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& overview) {
+  Store& store = parts.store;
+  ROTUNDA_ASSIGN_OR_RETURN(overview.calibration, ActiveCalibration(store));
+  ROTUNDA_ASSIGN_OR_RETURN(overview.queued_jobs, CountJobs(store, JobState::kQueued));
+  ROTUNDA_ASSIGN_OR_RETURN(const auto running, ListJobs(store, {}, JobState::kRunning));
+  overview.running = running.items;
+  ROTUNDA_RETURN_IF_ERROR(LookAtVerdicts(store, overview));
+  ROTUNDA_RETURN_IF_ERROR(LookAtDrift(store, overview));
   if (!overview.calibration) {
     overview.problems.push_back(
         "no calibration is in force: poses have no scale, drift is not "

@@ -133,7 +133,19 @@ CREATE INDEX jobs_by_product ON jobs(product);
 CREATE INDEX jobs_by_body ON jobs(kind, body);
 )sql";
 
-constexpr std::array<std::string_view, 2> kSteps = {kFirstSchema, kJobIndexes};
+// Cameras without a pose in captures that are newer than all that the camera was compared in.
+constexpr std::string_view kUnregistered = R"sql(
+CREATE TABLE unregistered (
+  calibration  TEXT NOT NULL,
+  camera       TEXT NOT NULL,
+  captured_at  TEXT NOT NULL,
+  capture      TEXT NOT NULL,
+  reason       TEXT NOT NULL,
+  PRIMARY KEY (calibration, camera, captured_at, capture)
+) STRICT, WITHOUT ROWID;
+)sql";
+
+constexpr std::array<std::string_view, 3> kSteps = {kFirstSchema, kJobIndexes, kUnregistered};
 
 Status CheckOwner(Database& database, int64_t version) {
   ROTUNDA_ASSIGN_OR_RETURN(const int64_t owner, database.Number("PRAGMA application_id"));
