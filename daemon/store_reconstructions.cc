@@ -129,24 +129,42 @@ Result<std::vector<CameraDrift>> ComparedCameras(Database& database,
   return drifts;
 }
 
+/// In how many captures in a row, the newest first, the camera was beyond its limit.
+Result<size_t> CountBeyond(Database& database, const std::string& calibration,
+                           const std::string& camera) {
+  Statement within = database.Prepare(
+      "SELECT captured_at, capture FROM drift WHERE calibration = ? AND camera = ? "
+      "AND beyond_limit = 0 ORDER BY captured_at DESC, capture DESC LIMIT 1");
+  std::string captured_at, capture;  // empty: before all
+  if (within.Bind(calibration).Bind(camera).Step()) {
+    captured_at = within.Text();
+    capture = within.Text();
+  }
+  ROTUNDA_RETURN_IF_ERROR(within.status());
+  Statement newer = database.Prepare(
+      "SELECT count(*) FROM drift WHERE calibration = ? AND camera = ? AND beyond_limit = 1 "
+      "AND (captured_at, capture) > (?, ?)");
+  newer.Bind(calibration).Bind(camera).Bind(captured_at).Bind(capture).Step();
+  const size_t count = newer.Count();
+  ROTUNDA_RETURN_IF_ERROR(newer.status());
+  return count;
+}
+
 Result<std::vector<CameraDrift>> DriftAgainst(Database& database, const std::string& calibration,
                                               size_t captures_of_moved) {
   ROTUNDA_ASSIGN_OR_RETURN(std::vector<CameraDrift> drifts, ComparedCameras(database, calibration));
   Statement newest = database.Prepare(
       std::string(kSelectDrift) +
-      "WHERE calibration = ? AND camera = ? ORDER BY captured_at DESC, capture DESC");
+      "WHERE calibration = ? AND camera = ? ORDER BY captured_at DESC, capture DESC LIMIT 1");
   for (CameraDrift& drift : drifts) {
-    newest.Reset().Bind(calibration).Bind(drift.latest.camera);
-    for (bool is_first = true; newest.Step(); is_first = false) {
-      DriftRecord record = ReadDrift(newest);
-      const bool is_beyond = record.beyond_limit;
-      if (is_first) drift.latest = std::move(record);
-      if (!is_beyond) break;
-      ++drift.beyond;
+    if (newest.Reset().Bind(calibration).Bind(drift.latest.camera).Step()) {
+      drift.latest = ReadDrift(newest);
     }
+    ROTUNDA_RETURN_IF_ERROR(newest.status());
+    if (!drift.latest.beyond_limit) continue;
+    ROTUNDA_ASSIGN_OR_RETURN(drift.beyond, CountBeyond(database, calibration, drift.latest.camera));
     drift.moved = drift.beyond >= captures_of_moved;
   }
-  ROTUNDA_RETURN_IF_ERROR(newest.status());
   return drifts;
 }
 
