@@ -180,9 +180,7 @@ struct CaptureWork {
   CaptureStation& station;
   CaptureJobOptions options;
 
-  Status CheckRoom() const {
-    return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes());
-  }
+  Status CheckRoom() const { return CheckDiskReserve(store, options.disk_reserve_bytes()); }
   /// Whether an earlier run, which did not come to its end, had taken its shot.
   bool HasShot(const std::string& id) const {
     std::error_code ignored;

@@ -146,8 +146,10 @@ const char kOpenApiSchemas[] = R"json({
   "items": {"$ref": "#/components/schemas/Job"}}}, "additionalProperties": false},
   "moved": {"type": "array", "items": {"$ref": "#/components/schemas/CameraDrift"},
   "description": "Cameras that are not where the calibration in force has them"},
-  "disk": {"type": "object", "required": ["free_bytes", "reserve_bytes"],
-  "properties": {"free_bytes": {"type": "integer", "minimum": 0},
+  "disk": {"type": "object", "required": ["folder", "free_bytes", "reserve_bytes"],
+  "properties": {"folder": {"type": "string", "description":
+  "Of the state folder and those in it the one whose disk has least room; empty: not known"},
+  "free_bytes": {"type": "integer", "minimum": 0},
   "reserve_bytes": {"type": "integer", "minimum": 0}}, "additionalProperties": false},
   "problems": {"type": "array", "items": {"type": "string"},
   "description": "What an operator should see to; empty: all is well"},
