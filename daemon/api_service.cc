@@ -114,6 +114,7 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
   }
   LookAtDisks(parts, overview);
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
+  if (const auto trouble = parts.jobs.Trouble()) overview.problems.push_back(*trouble);
 }
 
 /// Cameras that are not where the calibration has them, or that nobody knows the place of.

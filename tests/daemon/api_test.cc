@@ -267,6 +267,17 @@ TEST_F(Api, StatusTellsOfCapturesThatAreNotSureAndOfCamerasWithoutAPose) {
   EXPECT_EQ(Problems().find("has no pose"), std::string::npos) << Problems();
 }
 
+TEST_F(Api, StatusTellsOfJobsThatCannotBeBegun) {
+  const Status done = state_.store().Write([](Database& database, auto&) {
+    return database.Execute(
+        "CREATE TRIGGER full BEFORE UPDATE ON jobs BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  });
+  ASSERT_TRUE(done.ok()) << done.error().ToString();
+  ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
+  while (!jobs_->Trouble()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_NE(Problems().find("jobs are not begun (capture): "), std::string::npos) << Problems();
+}
+
 TEST_F(Api, StatusNamesACalibrationInForceThatCannotBeRead) {
   Fill();
   const auto problems = [&] {
