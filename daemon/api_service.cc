@@ -1,15 +1,13 @@
 #include <sys/stat.h>
 
-#include <chrono>
 #include <filesystem>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <sstream>
-#include <system_error>
 
 #include "daemon/api_answers.h"
 #include "daemon/openapi.h"
+#include "daemon/slow_look.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_jobs.h"
@@ -21,23 +19,18 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+// For the status: more that wait for their reconstruction, or have none, are not looked behind.
+constexpr size_t kCapturesLookedAt = 20;
+
 /// Whether the calibration in force can be read. Its file is parsed when it has changed, not at
-/// every look: fifty clients may ask for the status. One looks at a time and nobody waits for it,
-/// so that a file that hangs holds up one alone.
+/// every look: fifty clients may ask for the status.
 class CalibrationCheck {
  public:
   /// What an operator is to know of it; empty: all is well.
   std::string Problem(const Store& store, const std::string& id) {
-    if (const std::unique_lock only(looking_, std::try_to_lock); only) {
-      SetBegun();
-      Seen seen = Look(store, id);
-      const std::lock_guard lock(mutex_);
-      seen_ = std::move(seen);
-      begun_.reset();
-      return seen_.problem;
-    }
-    const std::lock_guard lock(mutex_);
-    if (!begun_ || Clock::now() - *begun_ < kSlowLook) return seen_.problem;
+    const std::optional<Seen> seen =
+        look_.Look([&](const Seen& last) { return Look(store, id, last); });
+    if (seen) return seen->problem;
     return "the file of the calibration in force does not answer, and a capture would wait for it: "
            "is its disk or share there?";
   }
@@ -48,23 +41,15 @@ class CalibrationCheck {
     timespec changed = {};
     std::string problem;
   };
-  using Clock = std::chrono::steady_clock;
-  static constexpr auto kSlowLook = std::chrono::seconds(2);
 
-  void SetBegun() {
-    const std::lock_guard lock(mutex_);
-    begun_ = Clock::now();
-  }
-
-  /// By the one that looks, who alone changes `seen_`.
-  Seen Look(const Store& store, const std::string& id) const {
+  static Seen Look(const Store& store, const std::string& id, const Seen& last) {
     const std::filesystem::path file = store.CalibrationFolder(id) / "calibration.json";
     struct stat now {};
     const bool is_there = ::stat(file.c_str(), &now) == 0;
     // The time of the last change of contents, owner or mode.
-    if (is_there && id == seen_.id && now.st_ctim.tv_sec == seen_.changed.tv_sec &&
-        now.st_ctim.tv_nsec == seen_.changed.tv_nsec) {
-      return seen_;
+    if (is_there && id == last.id && now.st_ctim.tv_sec == last.changed.tv_sec &&
+        now.st_ctim.tv_nsec == last.changed.tv_nsec) {
+      return last;
     }
     const Result<std::string> text = CalibrationText(store, id);
     // What is wrong with the machine, not with the file, may be over at the next look.
@@ -75,10 +60,7 @@ class CalibrationCheck {
              : "captures are taken without the calibration in force: " + text.error().ToString()};
   }
 
-  std::mutex looking_;
-  std::mutex mutex_;                        // of what follows
-  std::optional<Clock::time_point> begun_;  // nullopt: nobody looks
-  Seen seen_;
+  SlowLook<Seen> look_{Seen()};
 };
 
 /// What status and metrics tell.
@@ -90,9 +72,26 @@ struct Overview {
   size_t queued_jobs = 0;
   std::optional<CalibrationRecord> calibration;
   std::optional<CaptureRecord> last_capture;
-  uint64_t free_bytes = 0, reserve_bytes = 0;
+  DiskRoom room;
+  uint64_t reserve_bytes = 0;
   std::vector<std::string> problems;
 };
+
+void LookAtDisks(const ApiParts& parts, Overview& overview) {
+  const Result<DiskRoom> room = parts.store.LeastRoom();
+  overview.reserve_bytes = parts.disk_reserve_bytes();
+  if (!room) {
+    overview.problems.push_back("the disk cannot be asked, captures are refused: " +
+                                room.error().ToString());
+    return;
+  }
+  overview.room = *room;
+  if (room->free_bytes < overview.reserve_bytes) {
+    overview.problems.push_back("the disk of " + room->folder.string() +
+                                " has less room than the reserve: captures are refused. Remove "
+                                "captures, or lower storage.reserve_mb and reload");
+  }
+}
 
 void LookAtDevices(const ApiParts& parts, Overview& overview) {
   const std::vector<rig::CameraState> states = parts.station.States();
@@ -113,17 +112,50 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
     overview.problems.push_back("a shot cannot be written and waits in memory: " +
                                 trouble->error.ToString());
   }
-  std::error_code failure;
-  const auto space = std::filesystem::space(parts.store.options().state_folder, failure);
-  if (failure) overview.problems.push_back("the disk cannot be asked: " + failure.message());
-  overview.free_bytes = failure ? 0 : space.available;
-  overview.reserve_bytes = parts.disk_reserve_bytes();
-  if (overview.free_bytes < overview.reserve_bytes) {
-    overview.problems.push_back(
-        "the disk has less room than the reserve: captures are refused. Remove captures, or lower "
-        "storage.reserve_mb and reload");
-  }
+  LookAtDisks(parts, overview);
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
+  if (const auto trouble = parts.jobs.Trouble()) overview.problems.push_back(*trouble);
+}
+
+/// Cameras that are not where the calibration has them, or that nobody knows the place of.
+Status LookAtDrift(Store& store, Overview& overview) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<CameraDrift> drift, DriftNow(store));
+  for (const CameraDrift& camera : drift) {
+    if (!camera.moved) continue;
+    overview.moved.push_back(camera);
+    overview.problems.push_back("camera " + camera.latest.camera +
+                                " has moved since the calibration; calibrate again");
+  }
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<UnregisteredCamera> unregistered,
+                           UnregisteredNow(store));
+  for (const UnregisteredCamera& camera : unregistered) {
+    overview.problems.push_back(
+        "camera " + camera.latest.camera + " has no pose in the last " +
+        std::to_string(camera.captures) + " captures (" + camera.latest.reason +
+        "): is it turned away, covered or out of focus? Nobody knows whether it has moved");
+  }
+  return {};
+}
+
+/// Says so when the newest captures that were reconstructed are all not sure, as many as it takes
+/// to name a camera. Those that wait for their reconstruction say nothing yet.
+Status LookAtVerdicts(Store& store, Overview& overview) {
+  const size_t captures_to_tell = store.options().drift.captures;
+  ROTUNDA_ASSIGN_OR_RETURN(const auto newest,
+                           ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}));
+  if (!newest.items.empty()) overview.last_capture = newest.items.front();
+  std::vector<CaptureRecord> not_sure;
+  for (const CaptureRecord& capture : newest.items) {
+    if (!capture.reconstruction) continue;
+    if (capture.verdict != "unsure" && capture.verdict != "folded") break;
+    not_sure.push_back(capture);
+  }
+  if (not_sure.empty() || not_sure.size() < captures_to_tell) return {};
+  const CaptureRecord& latest = not_sure.front();
+  overview.problems.push_back("of the captures that were reconstructed the newest " +
+                              std::to_string(not_sure.size()) + " are not sure; " + latest.id +
+                              " is " + latest.verdict + ": " + latest.verdict_reason);
+  return {};
 }
 
 Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& overview) {
@@ -132,15 +164,8 @@ Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& ove
   ROTUNDA_ASSIGN_OR_RETURN(overview.queued_jobs, CountJobs(store, JobState::kQueued));
   ROTUNDA_ASSIGN_OR_RETURN(const auto running, ListJobs(store, {}, JobState::kRunning));
   overview.running = running.items;
-  ROTUNDA_ASSIGN_OR_RETURN(const auto captures, ListCaptures(store, {.limit = 1, .after = ""}));
-  if (!captures.items.empty()) overview.last_capture = captures.items.front();
-  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<CameraDrift> drift, DriftNow(store));
-  for (const CameraDrift& camera : drift) {
-    if (!camera.moved) continue;
-    overview.moved.push_back(camera);
-    overview.problems.push_back("camera " + camera.latest.camera +
-                                " has moved since the calibration; calibrate again");
-  }
+  ROTUNDA_RETURN_IF_ERROR(LookAtVerdicts(store, overview));
+  ROTUNDA_RETURN_IF_ERROR(LookAtDrift(store, overview));
   if (!overview.calibration) {
     overview.problems.push_back(
         "no calibration is in force: poses have no scale, drift is not "
@@ -172,7 +197,10 @@ HttpResponse StatusAnswer(const ApiParts& parts, CalibrationCheck& check) {
         {"not_ready", overview->not_ready}}},
       {"jobs", {{"queued", overview->queued_jobs}, {"running", ItemsJson(overview->running)}}},
       {"moved", ItemsJson(overview->moved)},
-      {"disk", {{"free_bytes", overview->free_bytes}, {"reserve_bytes", overview->reserve_bytes}}},
+      {"disk",
+       {{"folder", overview->room.folder.string()},
+        {"free_bytes", overview->room.free_bytes},
+        {"reserve_bytes", overview->reserve_bytes}}},
       {"problems", overview->problems}};
   if (overview->calibration) answer["calibration"] = overview->calibration->id;
   if (overview->last_capture) answer["last_capture"] = ToJson(*overview->last_capture);
@@ -204,7 +232,8 @@ HttpResponse MetricsAnswer(const ApiParts& parts, CalibrationCheck& check) {
               overview->moved.size());
   metrics.Add("jobs_queued", "gauge", "Jobs that wait", overview->queued_jobs);
   metrics.Add("jobs_running", "gauge", "Jobs under way", overview->running.size());
-  metrics.Add("disk_free_bytes", "gauge", "Free where captures are kept", overview->free_bytes);
+  metrics.Add("disk_free_bytes", "gauge", "Free on the fullest disk of the state folder",
+              overview->room.free_bytes);
   metrics.Add("disk_reserve_bytes", "gauge", "With less captures are refused",
               overview->reserve_bytes);
   metrics.Add("problems", "gauge", "Entries of the list in /v1/status", overview->problems.size());

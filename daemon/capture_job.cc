@@ -2,9 +2,13 @@
 
 #include <algorithm>
 #include <charconv>
+#include <condition_variable>
+#include <functional>
 #include <map>
+#include <mutex>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <stop_token>
 #include <string_view>
 #include <system_error>
 #include <thread>
@@ -27,6 +31,9 @@ using std::chrono::milliseconds;
 
 constexpr auto kPollInterval = milliseconds(50);
 constexpr auto kMendInterval = milliseconds(1000);
+// After a stop: frames of a pulse that was given are on their way, those of a camera that is gone
+// would be waited for longer.
+constexpr auto kFramesPatience = milliseconds(1000);
 constexpr int kPreviewQuality = 85;
 constexpr size_t kMaxSubjectLength = 200;
 
@@ -115,6 +122,33 @@ Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWr
   return writer.Wait(ticket);
 }
 
+/// A token that is set a while after another.
+class LaterStop {
+ public:
+  LaterStop(std::stop_token stop, milliseconds delay)
+      : wake_when_stopped_(stop, [this] { Wake(); }), thread_([this, stop, delay](auto over) {
+          std::unique_lock lock(mutex_);
+          const bool is_stopped = wake_.wait(lock, over, [&] { return stop.stop_requested(); });
+          if (!is_stopped) return;
+          wake_.wait_for(lock, over, delay, [] { return false; });
+          later_.request_stop();
+        }) {}
+
+  std::stop_token token() const { return later_.get_token(); }
+
+ private:
+  void Wake() {
+    const std::lock_guard lock(mutex_);
+    wake_.notify_all();
+  }
+
+  std::mutex mutex_;
+  std::condition_variable_any wake_;
+  std::stop_source later_;
+  std::stop_callback<std::function<void()>> wake_when_stopped_;
+  std::jthread thread_;
+};
+
 /// Colours as they are seen; `frame` is complete.
 cv::Mat Demosaiced(const rig::CameraFrame& frame) {
   const int channels = frame.pixel_format == "RGB8" ? 3 : 1;
@@ -180,9 +214,7 @@ struct CaptureWork {
   CaptureStation& station;
   CaptureJobOptions options;
 
-  Status CheckRoom() const {
-    return CheckDiskReserve(store.options().state_folder, options.disk_reserve_bytes());
-  }
+  Status CheckRoom() const { return CheckDiskReserve(store, options.disk_reserve_bytes()); }
   /// Whether an earlier run, which did not come to its end, had taken its shot.
   bool HasShot(const std::string& id) const {
     std::error_code ignored;
@@ -318,7 +350,8 @@ const char* CaptureStation::TriggerSource() const {
 Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order, JobContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession * session, Session());
   WaitForCameras(*session, options_.ready_patience, context);
-  ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(context.stop));
+  const LaterStop give_up(context.stop, kFramesPatience);
+  ROTUNDA_ASSIGN_OR_RETURN(rig::Shot shot, session->Capture(context.stop, give_up.token()));
   Taken taken{FactsOf(shot), {}};
   const std::filesystem::path out = order.out;
   const auto ticket = writer_.Submit(std::move(order), std::move(shot));

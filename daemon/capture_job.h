@@ -43,7 +43,9 @@ class CaptureStation {
 
   const char* TriggerSource() const;  // "gpio" or "simulated", for the frame set
 
-  /// Takes a shot and makes it a durable frame set. What is told is without the frames.
+  /// Takes a shot and makes it a durable frame set. What is told is without the frames. Stopped
+  /// before the pulse it is kCancelled. After it frames are waited for a second more, and those
+  /// that have come by then are the shot, which is written; without any it is kCancelled.
   struct Taken {
     rig::Shot shot;
     rig::WrittenSet written;

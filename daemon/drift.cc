@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "sfm/rig_alignment.h"
+
 namespace rotunda::daemon {
 namespace {
 
@@ -20,13 +22,34 @@ void AddSigmas(const CameraPose& pose, const CalibratedCamera* calibrated, Drift
   if (position_mm > 0) record.position_sigma_mm = position_mm;
 }
 
+/// The calibration makes no verdict better: a sure one, all that files of earlier versions have, is
+/// also that of the pictures. The plain method gives none: nothing speaks for its poses.
+bool PicturesAreSure(const PoseSummary& summary) {
+  return summary.verdict == "sure" || summary.verdict_of_pictures == "sure";
+}
+
+/// Else the calibration is not theirs, or nobody knows which cameras stand where it has them.
+bool MostAreInPlace(const std::vector<CameraPose>& cameras) {
+  size_t compared = 0, far_off = 0;
+  for (const CameraPose& camera : cameras) {
+    compared += camera.vs_calibration.has_value();
+    far_off += camera.vs_calibration && camera.vs_calibration->far_off;
+  }
+  return 2 * far_off < compared && !DisagreesAsAWhole(cameras, sfm::kMovedSigmas);
+}
+
+bool IsBeyond(const VsCalibration& change, const DriftLimits& limits) {
+  const bool is_large =
+      change.position_mm > limits.position_mm || change.rotation_deg > limits.rotation_deg;
+  return change.swapped_with || change.far_off || (change.moved && is_large);
+}
+
 }  // namespace
 
 bool MaySpeakOfDrift(const PoseSet& poses) {
   const PoseSummary& summary = poses.summary;
-  // The plain method gives no verdict: nothing speaks for its poses.
-  return poses.metric && poses.aligned_to && summary.verdict == "sure" &&
-         !summary.folded.value_or(false);
+  return poses.metric && poses.aligned_to && PicturesAreSure(summary) &&
+         !summary.folded.value_or(false) && MostAreInPlace(poses.cameras);
 }
 
 std::vector<DriftRecord> DriftOf(const PoseSet& poses, const Calibration& calibration,
@@ -43,9 +66,21 @@ std::vector<DriftRecord> DriftOf(const PoseSet& poses, const Calibration& calibr
     record.position_mm = change.position_mm;
     AddSigmas(pose, calibration.Find(pose.camera), record);
     record.swapped_with = change.swapped_with;
-    record.beyond_limit = change.swapped_with.has_value() ||
-                          (change.moved && (change.position_mm > limits.position_mm ||
-                                            change.rotation_deg > limits.rotation_deg));
+    record.beyond_limit = IsBeyond(change, limits);
+  }
+  return records;
+}
+
+std::vector<UnregisteredRecord> UnregisteredOf(const PoseSet& poses,
+                                               const Calibration& calibration) {
+  std::vector<UnregisteredRecord> records;
+  if (!MaySpeakOfDrift(poses)) return records;
+  for (const CameraPose& pose : poses.cameras) {
+    if (pose.registered || calibration.Find(pose.camera) == nullptr) continue;
+    UnregisteredRecord& record = records.emplace_back();
+    record.calibration = *poses.aligned_to;
+    record.camera = pose.camera;
+    record.reason = pose.reason;
   }
   return records;
 }

@@ -17,7 +17,8 @@ namespace rotunda::daemon {
 ///     missing), capture_removed (by the retention policy): id of the capture
 ///   calibration_stored, calibration_activated: id of the calibration
 ///   reconstruction_stored: id of the reconstruction
-///   camera_moved, camera_back: name of the camera
+///   camera_moved, camera_back, camera_unregistered (several captures in a row have no pose of it),
+///     camera_registered (again): name of the camera
 struct EventRecord {
   int64_t number = 0;  // rises; gaps are possible
   std::string at;      // RFC 3339

@@ -57,8 +57,15 @@ class JobQueue::Worker {
            std::to_string(std::chrono::duration_cast<std::chrono::seconds>(silent).count()) + " s";
   }
 
+  std::optional<std::string> Trouble() const {
+    const std::lock_guard lock(mutex_);
+    return trouble_;
+  }
+
  private:
   void Run();
+  /// What came of taking a job from the store.
+  void NoteTaking(const std::optional<Error>& error);
   void Do(JobRecord job);
   Result<std::string> Work(const JobRecord& job, JobContext& context);
   void Progress(JobRecord& job, std::string_view stage, size_t done, size_t total);
@@ -76,6 +83,7 @@ class JobQueue::Worker {
   int64_t running_ = 0;    // 0: none
   std::stop_source stop_;  // of the running job
   Clock::time_point last_sign_ = Clock::now();
+  std::optional<std::string> trouble_;
   std::optional<Clock::time_point> last_told_;  // by the running job
   std::mutex telling_;  // progress comes from many threads, and goes to the store one by one
   std::thread thread_;
@@ -87,6 +95,7 @@ void JobQueue::Worker::Run() {
     look_ = false;
     lock.unlock();
     Result<std::optional<JobRecord>> job = TakeJob(queue_.store_, kinds_);
+    NoteTaking(job ? std::nullopt : std::optional(job.error()));
     if (job && *job) {
       Do(std::move(**job));
       queue_.Wake();  // there may be another one, or one that this one queued
@@ -94,6 +103,21 @@ void JobQueue::Worker::Run() {
     lock.lock();
     wake_.wait_for(lock, kLookAgain, [&] { return quit_ || look_; });
   }
+}
+
+void JobQueue::Worker::NoteTaking(const std::optional<Error>& error) {
+  std::optional<std::string> trouble;
+  if (error) {
+    trouble = std::string("jobs are not begun (") + JobKindName(kinds_.front()) +
+              "): " + error->ToString();
+  }
+  bool is_news = false;
+  {
+    const std::lock_guard lock(mutex_);
+    is_news = trouble && !trouble_;
+    trouble_ = trouble;
+  }
+  if (is_news && queue_.options_.tell) queue_.options_.tell(*trouble);
 }
 
 void JobQueue::Worker::Do(JobRecord job) {
@@ -176,7 +200,7 @@ void JobQueue::Worker::StoreEnd(const JobRecord& job) {
 }
 
 JobQueue::JobQueue(Store& store, JobHandlers handlers, Options options)
-    : store_(store), handlers_(std::move(handlers)), options_(options) {
+    : store_(store), handlers_(std::move(handlers)), options_(std::move(options)) {
   workers_.push_back(
       std::make_unique<Worker>(*this, std::vector{JobKind::kCapture}, options_.capture_silence));
   workers_.push_back(
@@ -253,6 +277,13 @@ void JobQueue::Wake() {
 std::optional<std::string> JobQueue::Hung() const {
   for (const auto& worker : workers_) {
     if (auto hung = worker->Hung()) return hung;
+  }
+  return std::nullopt;
+}
+
+std::optional<std::string> JobQueue::Trouble() const {
+  for (const auto& worker : workers_) {
+    if (auto trouble = worker->Trouble()) return trouble;
   }
   return std::nullopt;
 }

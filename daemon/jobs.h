@@ -53,6 +53,9 @@ class JobQueue {
     std::chrono::seconds computing_silence{1200};
     /// A day of reconstructions. More are the work of a client gone wild.
     size_t max_queued = 1000;
+    /// Told what Trouble() says, once until it is over. From the queue's threads. Null: nobody
+    /// listens.
+    std::function<void(const std::string& trouble)> tell = nullptr;
   };
 
   /// Starts the threads. `store` outlives the queue.
@@ -76,6 +79,9 @@ class JobQueue {
 
   /// Which job hangs, in words; nullopt while all is well. For the watchdog.
   std::optional<std::string> Hung() const;
+  /// Why the store gives no jobs, in words; nullopt while all is well. It is asked again all the
+  /// while.
+  std::optional<std::string> Trouble() const;
 
  private:
   class Worker;

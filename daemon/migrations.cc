@@ -133,7 +133,29 @@ CREATE INDEX jobs_by_product ON jobs(product);
 CREATE INDEX jobs_by_body ON jobs(kind, body);
 )sql";
 
-constexpr std::array<std::string_view, 2> kSteps = {kFirstSchema, kJobIndexes};
+// Cameras without a pose in captures that are newer than all that the camera was compared in.
+constexpr std::string_view kUnregistered = R"sql(
+CREATE TABLE unregistered (
+  calibration  TEXT NOT NULL,
+  camera       TEXT NOT NULL,
+  captured_at  TEXT NOT NULL,
+  capture      TEXT NOT NULL,
+  reason       TEXT NOT NULL,
+  PRIMARY KEY (calibration, camera, captured_at, capture)
+) STRICT, WITHOUT ROWID;
+)sql";
+
+// For how long a camera has been beyond its limit: without them thousands of rows are read for one
+// that stays there.
+constexpr std::string_view kDriftIndexes = R"sql(
+CREATE INDEX drift_within_limit ON drift(calibration, camera, captured_at, capture)
+  WHERE beyond_limit = 0;
+CREATE INDEX drift_beyond_limit ON drift(calibration, camera, captured_at, capture)
+  WHERE beyond_limit = 1;
+)sql";
+
+constexpr std::array<std::string_view, 4> kSteps = {kFirstSchema, kJobIndexes, kUnregistered,
+                                                    kDriftIndexes};
 
 Status CheckOwner(Database& database, int64_t version) {
   ROTUNDA_ASSIGN_OR_RETURN(const int64_t owner, database.Number("PRAGMA application_id"));

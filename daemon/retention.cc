@@ -1,11 +1,9 @@
 #include "daemon/retention.h"
 
 #include <fcntl.h>
-#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstdio>
 #include <system_error>
 
@@ -117,19 +115,16 @@ Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPol
   return gone;
 }
 
-Status CheckDiskReserve(const fs::path& folder, uint64_t reserve_bytes) {
-  struct statvfs disk = {};
-  if (::statvfs(folder.c_str(), &disk) != 0) {
-    return Error{ErrorCode::kIo, std::generic_category().message(errno), folder.string()};
-  }
-  const uint64_t free_bytes = uint64_t{disk.f_bavail} * disk.f_frsize;
-  if (free_bytes >= reserve_bytes) return {};
+Status CheckDiskReserve(Store& store, uint64_t reserve_bytes) {
+  ROTUNDA_ASSIGN_OR_RETURN(const DiskRoom room, store.LeastRoom());
+  if (room.free_bytes >= reserve_bytes) return {};
   char text[256];
   std::snprintf(text, sizeof(text),
                 "only %.2f GB are free on the disk and %.2f GB are kept in reserve: make room "
                 "(move captures away, or set a retention policy), then try again",
-                1e-9 * static_cast<double>(free_bytes), 1e-9 * static_cast<double>(reserve_bytes));
-  return Error{ErrorCode::kIo, text, folder.string()};
+                1e-9 * static_cast<double>(room.free_bytes),
+                1e-9 * static_cast<double>(reserve_bytes));
+  return Error{ErrorCode::kIo, text, room.folder.string()};
 }
 
 }  // namespace rotunda::daemon

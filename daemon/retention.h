@@ -27,7 +27,8 @@ struct RetentionPolicy {
 Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPolicy& policy,
                                                 std::stop_token stop = {});
 
-/// kIo when less than `reserve_bytes` are free where `folder` is; says how much is, and what to do.
-Status CheckDiskReserve(const std::filesystem::path& folder, uint64_t reserve_bytes);
+/// kIo when less than `reserve_bytes` are free where one of the store's folders is; says where, how
+/// much is, and what to do.
+Status CheckDiskReserve(Store& store, uint64_t reserve_bytes);
 
 }  // namespace rotunda::daemon

@@ -179,6 +179,7 @@ Result<std::unique_ptr<Service>> Service::Start(Options options, spdlog::logger&
   JobQueue::Options queue;
   queue.capture_silence = std::chrono::seconds(config.jobs.capture_silence_s);
   queue.computing_silence = std::chrono::seconds(config.jobs.computing_silence_s);
+  queue.tell = [&log](const std::string& trouble) { log.error("{}", trouble); };
   parts.jobs = std::make_unique<JobQueue>(
       *parts.store,
       JobHandlers{MakeCaptureHandler(*parts.store, *parts.station, {parts.Reserve()}),

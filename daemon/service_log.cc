@@ -4,6 +4,9 @@
 #include <spdlog/sinks/stdout_sinks.h>
 
 #include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "sfm/core/name_list.h"
@@ -26,6 +29,20 @@ class PriorityFlag : public spdlog::custom_flag_formatter {
     return std::make_unique<PriorityFlag>();
   }
 };
+
+/// A reconstruction that nobody should build on.
+bool IsNotSure(const EventRecord& event) {
+  if (event.kind != "reconstruction_stored") return false;
+  const nlohmann::json data = nlohmann::json::parse(event.data, nullptr, false);
+  const std::string verdict = data.is_object() ? data.value("verdict", "") : "";
+  return verdict == "unsure" || verdict == "folded";
+}
+
+bool IsTrouble(const EventRecord& event) {
+  static const std::set<std::string> kKinds = {"camera_moved", "camera_unregistered", "job_failed",
+                                               "job_interrupted", "capture_gone"};
+  return kKinds.contains(event.kind) || IsNotSure(event);
+}
 
 }  // namespace
 
@@ -60,10 +77,8 @@ void LogAccess(spdlog::logger& log, const AccessEntry& entry) {
 
 void LogEvent(spdlog::logger& log, const EventRecord& event) {
   if (event.kind == "job_progress") return;
-  const bool is_trouble = event.kind == "camera_moved" || event.kind == "job_failed" ||
-                          event.kind == "job_interrupted" || event.kind == "capture_gone";
-  log.log(is_trouble ? spdlog::level::warn : spdlog::level::info, "event {} {} {} {}", event.number,
-          event.kind, event.about, event.data);
+  log.log(IsTrouble(event) ? spdlog::level::warn : spdlog::level::info, "event {} {} {} {}",
+          event.number, event.kind, event.about, event.data);
 }
 
 void LogRecovery(spdlog::logger& log, const RecoveryReport& report) {

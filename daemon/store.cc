@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,6 +16,7 @@
 #include <utility>
 
 #include "daemon/migrations.h"
+#include "daemon/slow_look.h"
 #include "daemon/store_recovery.h"
 #include "daemon/store_sql.h"
 
@@ -25,6 +27,9 @@ namespace fs = std::filesystem;
 
 constexpr char kDatabaseName[] = "rotunda.db";
 constexpr char kLockName[] = "lock";
+constexpr char kCaptures[] = "captures";
+constexpr char kCalibrations[] = "calibrations";
+constexpr char kReconstructions[] = "reconstructions";
 constexpr size_t kMaxIdLength = 100;
 
 Error Damaged(const std::string& finding, const fs::path& file) {
@@ -50,6 +55,19 @@ Status CheckIntegrity(Database& database) {
                            database.Number("SELECT count(*) FROM pragma_foreign_key_check"));
   if (orphans == 0) return {};
   return Damaged(std::to_string(orphans) + " rows without the row they belong to", database.name());
+}
+
+Result<DiskRoom> FindLeastRoom(const std::vector<fs::path>& folders) {
+  std::optional<DiskRoom> least;
+  for (const fs::path& folder : folders) {
+    struct statvfs disk = {};
+    if (::statvfs(folder.c_str(), &disk) != 0) {
+      return Error{ErrorCode::kIo, std::generic_category().message(errno), folder.string()};
+    }
+    const uint64_t free_bytes = uint64_t{disk.f_bavail} * disk.f_frsize;
+    if (!least || free_bytes < least->free_bytes) least = DiskRoom{folder, free_bytes};
+  }
+  return least.value();
 }
 
 Status MakeFolder(const fs::path& folder) {
@@ -131,6 +149,7 @@ struct Store::Connections {
   std::optional<Database> writer, reader;
   std::optional<std::vector<EventRecord>> together;  // events of WriteTogether() under way
   int lock_fd = -1;
+  SlowLook<Result<DiskRoom>> room{DiskRoom()};
 
   ~Connections() {
     if (lock_fd >= 0) ::close(lock_fd);
@@ -144,9 +163,7 @@ Store::~Store() = default;
 
 Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& events) {
   std::unique_ptr<Store> store(new Store(std::move(options), events));
-  for (const char* folder : {"captures", "calibrations", "reconstructions"}) {
-    ROTUNDA_RETURN_IF_ERROR(MakeFolder(store->options_.state_folder / folder));
-  }
+  for (const fs::path& folder : store->Folders()) ROTUNDA_RETURN_IF_ERROR(MakeFolder(folder));
   ROTUNDA_RETURN_IF_ERROR(store->LockFolder());
   ROTUNDA_RETURN_IF_ERROR(store->OpenDatabase());
   Result<RecoveryReport> recovery = Recover(*store);
@@ -154,6 +171,8 @@ Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& event
     return AsDamaged(recovery.error(), store->options_.state_folder / kDatabaseName);
   }
   store->recovery_ = *std::move(recovery);
+  // So that there is an answer for those who ask while the next look is under way.
+  static_cast<void>(store->LeastRoom());
   return store;
 }
 
@@ -188,14 +207,31 @@ Status Store::OpenDatabase() {
   return {};
 }
 
+std::vector<fs::path> Store::Folders() const {
+  std::vector<fs::path> folders = {options_.state_folder};
+  for (const char* name : {kCaptures, kCalibrations, kReconstructions}) {
+    folders.push_back(options_.state_folder / name);
+  }
+  return folders;
+}
+
+Result<DiskRoom> Store::LeastRoom() {
+  const std::vector<fs::path> folders = Folders();
+  const auto room =
+      connections_->room.Look([&](const Result<DiskRoom>&) { return FindLeastRoom(folders); });
+  if (room) return *room;
+  return Error{ErrorCode::kIo, "does not answer: are all disks and shares of its folders there?",
+               options_.state_folder.string()};
+}
+
 fs::path Store::CaptureFolder(const std::string& id) const {
-  return options_.state_folder / "captures" / id;
+  return options_.state_folder / kCaptures / id;
 }
 fs::path Store::CalibrationFolder(const std::string& id) const {
-  return options_.state_folder / "calibrations" / id;
+  return options_.state_folder / kCalibrations / id;
 }
 fs::path Store::ReconstructionFolder(const std::string& id) const {
-  return options_.state_folder / "reconstructions" / id;
+  return options_.state_folder / kReconstructions / id;
 }
 
 Status Store::Read(const Reading& reading) {

@@ -38,6 +38,12 @@ struct StoreOptions {
   std::function<void()> still_opening = nullptr;
 };
 
+/// A folder, and what is free on its disk.
+struct DiskRoom {
+  std::filesystem::path folder;
+  uint64_t free_bytes = 0;
+};
+
 /// What Open() found and put right.
 struct RecoveryReport {
   std::vector<std::string> adopted;     // folders on disk that had no row: now they have
@@ -65,6 +71,10 @@ class Store {
   const StoreOptions& options() const { return options_; }
   std::string Now() const { return TimeText(options_.clock()); }
 
+  /// The folder, of the state folder and those in it, whose disk has least room: any of them may be
+  /// a mount or a link to another disk. kIo names one whose disk cannot be asked. Who asks while an
+  /// earlier look still hangs is not held up: kIo.
+  Result<DiskRoom> LeastRoom();
   std::filesystem::path CaptureFolder(const std::string& id) const;
   std::filesystem::path CalibrationFolder(const std::string& id) const;
   std::filesystem::path ReconstructionFolder(const std::string& id) const;
@@ -84,6 +94,8 @@ class Store {
   struct Connections;
   Store(StoreOptions options, EventHub& events);
   Status WriteWithin(const Writing& writing);
+  /// The state folder and those in it.
+  std::vector<std::filesystem::path> Folders() const;
   Status LockFolder();
   Status OpenDatabase();
 

@@ -20,7 +20,7 @@ constexpr int kMaxIdsASecond = 1000;
 // not sure does not take the place of one that is.
 constexpr char kSelect[] = R"sql(
 SELECT c.id, c.captured_at, c.subject, c.ok_frames, c.frames, c.calibration, c.files_gone,
-       r.id, r.verdict
+       r.id, r.verdict, r.verdict_reason
 FROM captures c LEFT JOIN reconstructions r ON r.id =
   (SELECT id FROM reconstructions WHERE capture = c.id AND files_gone = 0
    ORDER BY verdict = 'sure' DESC, created_at DESC, id DESC LIMIT 1) )sql";
@@ -37,6 +37,7 @@ CaptureRecord ReadCapture(Statement& row) {
   capture.files_gone = row.Bool();
   capture.reconstruction = row.OptionalId();
   capture.verdict = row.Text();
+  capture.verdict_reason = row.Text();
   return capture;
 }
 

@@ -1,6 +1,7 @@
 #include "daemon/store_reconstructions.h"
 
 #include <map>
+#include <set>
 #include <system_error>
 
 #include "daemon/drift.h"
@@ -128,25 +129,66 @@ Result<std::vector<CameraDrift>> ComparedCameras(Database& database,
   return drifts;
 }
 
+/// In how many captures in a row, the newest first, the camera was beyond its limit.
+Result<size_t> CountBeyond(Database& database, const std::string& calibration,
+                           const std::string& camera) {
+  Statement within = database.Prepare(
+      "SELECT captured_at, capture FROM drift WHERE calibration = ? AND camera = ? "
+      "AND beyond_limit = 0 ORDER BY captured_at DESC, capture DESC LIMIT 1");
+  std::string captured_at, capture;  // empty: before all
+  if (within.Bind(calibration).Bind(camera).Step()) {
+    captured_at = within.Text();
+    capture = within.Text();
+  }
+  ROTUNDA_RETURN_IF_ERROR(within.status());
+  Statement newer = database.Prepare(
+      "SELECT count(*) FROM drift WHERE calibration = ? AND camera = ? AND beyond_limit = 1 "
+      "AND (captured_at, capture) > (?, ?)");
+  newer.Bind(calibration).Bind(camera).Bind(captured_at).Bind(capture).Step();
+  const size_t count = newer.Count();
+  ROTUNDA_RETURN_IF_ERROR(newer.status());
+  return count;
+}
+
 Result<std::vector<CameraDrift>> DriftAgainst(Database& database, const std::string& calibration,
                                               size_t captures_of_moved) {
   ROTUNDA_ASSIGN_OR_RETURN(std::vector<CameraDrift> drifts, ComparedCameras(database, calibration));
   Statement newest = database.Prepare(
       std::string(kSelectDrift) +
-      "WHERE calibration = ? AND camera = ? ORDER BY captured_at DESC, capture DESC");
+      "WHERE calibration = ? AND camera = ? ORDER BY captured_at DESC, capture DESC LIMIT 1");
   for (CameraDrift& drift : drifts) {
-    newest.Reset().Bind(calibration).Bind(drift.latest.camera);
-    for (bool is_first = true; newest.Step(); is_first = false) {
-      DriftRecord record = ReadDrift(newest);
-      const bool is_beyond = record.beyond_limit;
-      if (is_first) drift.latest = std::move(record);
-      if (!is_beyond) break;
-      ++drift.beyond;
+    if (newest.Reset().Bind(calibration).Bind(drift.latest.camera).Step()) {
+      drift.latest = ReadDrift(newest);
     }
+    ROTUNDA_RETURN_IF_ERROR(newest.status());
+    if (!drift.latest.beyond_limit) continue;
+    ROTUNDA_ASSIGN_OR_RETURN(drift.beyond, CountBeyond(database, calibration, drift.latest.camera));
     drift.moved = drift.beyond >= captures_of_moved;
   }
-  ROTUNDA_RETURN_IF_ERROR(newest.status());
   return drifts;
+}
+
+/// Cameras that at least `fewest` captures in a row have no pose of.
+Result<std::vector<UnregisteredCamera>> UnregisteredAgainst(Database& database,
+                                                            const std::string& calibration,
+                                                            size_t fewest) {
+  // With max() SQLite takes the other columns from the row that has it.
+  Statement row = database.Prepare(
+      "SELECT camera, capture, reason, count(*), max(captured_at) FROM unregistered "
+      "WHERE calibration = ? GROUP BY camera HAVING count(*) >= ? ORDER BY camera");
+  row.Bind(calibration).Bind(uint64_t{fewest});
+  std::vector<UnregisteredCamera> cameras;
+  while (row.Step()) {
+    UnregisteredCamera& camera = cameras.emplace_back();
+    camera.latest.calibration = calibration;
+    camera.latest.camera = row.Text();
+    camera.latest.capture = row.Text();
+    camera.latest.reason = row.Text();
+    camera.captures = row.Count();
+    camera.latest.captured_at = row.Text();
+  }
+  ROTUNDA_RETURN_IF_ERROR(row.status());
+  return cameras;
 }
 
 /// Where the camera's history stands that ends a page with this reconstruction.
@@ -170,13 +212,44 @@ Result<bool> IsActive(Database& database, const std::string& calibration) {
   return is_active;
 }
 
-Status ReplaceDrift(Database& database, const std::vector<DriftRecord>& records) {
-  if (records.empty()) return {};
-  ROTUNDA_RETURN_IF_ERROR(
-      database.Prepare("DELETE FROM drift WHERE capture = ? AND calibration = ?")
-          .Bind(records[0].capture)
-          .Bind(records[0].calibration)
-          .Run());
+/// What `read` gives of the calibration in force; nothing without one.
+template <typename T>
+Result<std::vector<T>> AgainstTheActive(
+    Store& store, Result<std::vector<T>> (*read)(Database&, const std::string&, size_t)) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::optional<CalibrationRecord> active, ActiveCalibration(store));
+  Result<std::vector<T>> found = std::vector<T>();
+  if (!active) return found;
+  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
+    found = read(database, active->id, store.options().drift.captures);
+    return Status();
+  }));
+  return found;
+}
+
+/// What one reconstruction says of the cameras; no drift: it may not speak of it.
+struct Findings {
+  std::vector<DriftRecord> drift;
+  std::vector<UnregisteredRecord> unregistered;
+};
+
+Findings FindingsOf(const Store& store, const PoseSet& poses, const CaptureRecord& capture,
+                    const std::string& reconstruction) {
+  const Calibration calibration = AlignedTo(store, poses);
+  Findings findings{DriftOf(poses, calibration, store.options().drift),
+                    UnregisteredOf(poses, calibration)};
+  for (DriftRecord& each : findings.drift) {
+    each.capture = capture.id;
+    each.captured_at = capture.captured_at;
+    each.reconstruction = reconstruction;
+  }
+  for (UnregisteredRecord& each : findings.unregistered) {
+    each.capture = capture.id;
+    each.captured_at = capture.captured_at;
+  }
+  return findings;
+}
+
+Status InsertDrift(Database& database, const std::vector<DriftRecord>& records) {
   Statement insert = database.Prepare(
       "INSERT INTO drift (calibration, camera, captured_at, capture, reconstruction, "
       "rotation_deg, position_mm, rotation_sigma_deg, position_sigma_mm, beyond_limit, "
@@ -189,6 +262,38 @@ Status ReplaceDrift(Database& database, const std::vector<DriftRecord>& records)
     ROTUNDA_RETURN_IF_ERROR(insert.Run());
   }
   return {};
+}
+
+Status InsertUnregistered(Database& database, const std::vector<UnregisteredRecord>& records) {
+  Statement insert = database.Prepare(
+      "INSERT INTO unregistered (calibration, camera, captured_at, capture, reason) "
+      "VALUES (?, ?, ?, ?, ?)");
+  for (const UnregisteredRecord& record : records) {
+    insert.Reset().Bind(record.calibration).Bind(record.camera).Bind(record.captured_at);
+    ROTUNDA_RETURN_IF_ERROR(insert.Bind(record.capture).Bind(record.reason).Run());
+  }
+  return {};
+}
+
+/// Of a capture that is reconstructed again the new findings count.
+Status ReplaceFindings(Database& database, const Findings& findings) {
+  const DriftRecord& any = findings.drift[0];
+  for (const std::string table : {"drift", "unregistered"}) {
+    ROTUNDA_RETURN_IF_ERROR(
+        database.Prepare("DELETE FROM " + table + " WHERE capture = ? AND calibration = ?")
+            .Bind(any.capture)
+            .Bind(any.calibration)
+            .Run());
+  }
+  ROTUNDA_RETURN_IF_ERROR(InsertDrift(database, findings.drift));
+  ROTUNDA_RETURN_IF_ERROR(InsertUnregistered(database, findings.unregistered));
+  return database
+      .Prepare(
+          "DELETE FROM unregistered AS old WHERE calibration = ? AND EXISTS (SELECT 1 FROM drift "
+          "WHERE calibration = old.calibration AND camera = old.camera "
+          "AND (captured_at, capture) > (old.captured_at, old.capture))")
+      .Bind(any.calibration)
+      .Run();
 }
 
 /// camera_moved and camera_back: what changed between two looks at the drift.
@@ -209,17 +314,54 @@ void TellOfChanges(const std::vector<CameraDrift>& before, const std::vector<Cam
   }
 }
 
-Status AddDrift(Database& database, const std::vector<DriftRecord>& records,
-                size_t captures_of_moved, std::vector<EventRecord>& events) {
-  if (records.empty()) return {};
-  const std::string& calibration = records[0].calibration;
-  ROTUNDA_ASSIGN_OR_RETURN(const auto before,
-                           DriftAgainst(database, calibration, captures_of_moved));
-  ROTUNDA_RETURN_IF_ERROR(ReplaceDrift(database, records));
-  ROTUNDA_ASSIGN_OR_RETURN(const auto after,
-                           DriftAgainst(database, calibration, captures_of_moved));
+/// camera_unregistered and camera_registered: what changed between two looks.
+void TellOfChanges(const std::vector<UnregisteredCamera>& before,
+                   const std::vector<UnregisteredCamera>& after, std::vector<EventRecord>& events) {
+  std::set<std::string> names_before, names_after;
+  for (const UnregisteredCamera& camera : before) names_before.insert(camera.latest.camera);
+  for (const UnregisteredCamera& camera : after) {
+    const UnregisteredRecord& latest = camera.latest;
+    names_after.insert(latest.camera);
+    if (names_before.contains(latest.camera)) continue;
+    events.push_back(MakeEvent("camera_unregistered", latest.camera,
+                               {{"capture", latest.capture},
+                                {"calibration", latest.calibration},
+                                {"reason", latest.reason},
+                                {"captures", camera.captures}}));
+  }
+  for (const std::string& name : names_before) {
+    if (names_after.contains(name)) continue;
+    events.push_back(MakeEvent("camera_registered", name, Json::object()));
+  }
+}
+
+/// What the drift's tables say of the cameras.
+struct Watch {
+  std::vector<CameraDrift> drift;
+  std::vector<UnregisteredCamera> unregistered;
+};
+Result<Watch> WatchAgainst(Database& database, const std::string& calibration,
+                           size_t captures_to_name) {
+  Watch watch;
+  ROTUNDA_ASSIGN_OR_RETURN(watch.drift, DriftAgainst(database, calibration, captures_to_name));
+  ROTUNDA_ASSIGN_OR_RETURN(watch.unregistered,
+                           UnregisteredAgainst(database, calibration, captures_to_name));
+  return watch;
+}
+
+Status AddFindings(Database& database, const Findings& findings, size_t captures_to_name,
+                   std::vector<EventRecord>& events) {
+  if (findings.drift.empty()) return {};
+  const std::string& calibration = findings.drift[0].calibration;
+  ROTUNDA_ASSIGN_OR_RETURN(const Watch before,
+                           WatchAgainst(database, calibration, captures_to_name));
+  ROTUNDA_RETURN_IF_ERROR(ReplaceFindings(database, findings));
+  ROTUNDA_ASSIGN_OR_RETURN(const Watch after,
+                           WatchAgainst(database, calibration, captures_to_name));
   ROTUNDA_ASSIGN_OR_RETURN(const bool is_active, IsActive(database, calibration));
-  if (is_active) TellOfChanges(before, after, events);
+  if (!is_active) return {};
+  TellOfChanges(before.drift, after.drift, events);
+  TellOfChanges(before.unregistered, after.unregistered, events);
   return {};
 }
 
@@ -248,12 +390,7 @@ Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::strin
   ReconstructionRecord record = Describe(id, poses);
   record.created_at = store.Now();
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(store, record.capture));
-  std::vector<DriftRecord> drift = DriftOf(poses, AlignedTo(store, poses), store.options().drift);
-  for (DriftRecord& each : drift) {
-    each.capture = capture.id;
-    each.captured_at = capture.captured_at;
-    each.reconstruction = id;
-  }
+  const Findings findings = FindingsOf(store, poses, capture, id);
   ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
     const Result<ReconstructionRecord> known = Select(database, id);
     if (known) return {};
@@ -266,7 +403,7 @@ Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::strin
                                 {"verdict", record.verdict},
                                 {"verdict_reason", record.verdict_reason},
                                 {"used_for_drift", record.used_for_drift}}));
-    return AddDrift(database, drift, store.options().drift.captures, events);
+    return AddFindings(database, findings, store.options().drift.captures, events);
   }));
   return FindReconstruction(store, id);
 }
@@ -317,14 +454,11 @@ Result<Listing<ReconstructionRecord>> ListReconstructions(Store& store, const st
 }
 
 Result<std::vector<CameraDrift>> DriftNow(Store& store) {
-  ROTUNDA_ASSIGN_OR_RETURN(const std::optional<CalibrationRecord> active, ActiveCalibration(store));
-  if (!active) return std::vector<CameraDrift>();
-  Result<std::vector<CameraDrift>> drifts = std::vector<CameraDrift>();
-  ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
-    drifts = DriftAgainst(database, active->id, store.options().drift.captures);
-    return Status();
-  }));
-  return drifts;
+  return AgainstTheActive(store, DriftAgainst);
+}
+
+Result<std::vector<UnregisteredCamera>> UnregisteredNow(Store& store) {
+  return AgainstTheActive(store, UnregisteredAgainst);
 }
 
 Result<Listing<DriftRecord>> DriftHistory(Store& store, const std::string& camera,

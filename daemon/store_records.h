@@ -36,9 +36,10 @@ struct CaptureRecord {
   std::optional<std::string> calibration;  // in force when it was taken
   bool files_gone = false;                 // the folder was missing when the daemon started
   // The newest reconstruction that is sure, else the newest: its id and what it says ("sure",
-  // "unsure", "folded" or empty).
+  // "unsure", "folded" or empty), and why.
   std::optional<std::string> reconstruction;
   std::string verdict;
+  std::string verdict_reason;
 };
 
 struct FrameRecord {
@@ -79,7 +80,7 @@ struct ReconstructionRecord {
   std::string verdict;  // "sure", "unsure", "folded"; empty: the method gives none
   std::string verdict_reason;
   bool folded = false;
-  bool used_for_drift = false;  // sure, metric, compared with a calibration
+  bool used_for_drift = false;                                // it may speak of it (drift.h)
   std::optional<double> mean_rotation_deg, mean_position_mm;  // against the calibration
   bool files_gone = false;
 };
@@ -115,6 +116,21 @@ struct CameraDrift {
   size_t captures = 0;  // compared
   size_t beyond = 0;    // how many in a row, the newest first, are beyond the limit
   bool moved = false;   // beyond for as many captures as the policy asks
+};
+
+/// A camera that has no pose in a reconstruction that may speak of drift.
+struct UnregisteredRecord {
+  std::string capture;
+  std::string captured_at;
+  std::string calibration;
+  std::string camera;
+  std::string reason;
+};
+
+/// A camera that the newest captures have no pose of.
+struct UnregisteredCamera {
+  UnregisteredRecord latest;
+  size_t captures = 0;  // how many in a row
 };
 
 enum class JobKind { kCapture, kCalibration, kReconstruction };

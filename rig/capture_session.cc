@@ -16,6 +16,7 @@ using std::chrono::milliseconds;
 constexpr char kStillOpening[] = "it was still being opened";
 
 constexpr auto kReadyPollInterval = milliseconds(10);
+constexpr auto kTurnPollInterval = milliseconds(10);
 // A picture of pure noise grows by a thousandth when it is coded; the rest is for the other files.
 constexpr size_t kCodingReserve = 50;
 // How long a shot waits for the disk before it says that memory is full.
@@ -37,6 +38,8 @@ Status CheckBuffers(const CaptureOptions& options, size_t payload_bytes) {
                   [](const CameraPlace& camera) { return camera.address.starts_with("127."); });
   return on_loopback ? Status() : CheckSocketBuffers(payload_bytes);
 }
+
+Error Stopped() { return {ErrorCode::kCancelled, "stopped before the pulse", ""}; }
 
 /// The summaries of pulses, one after the other; "the same" for one like that of the shot.
 std::string TellOthers(const std::vector<std::string>& summaries, const std::string& of_shot) {
@@ -67,6 +70,16 @@ CameraShot SilentShot(const CameraState& state, bool given_up) {
       silent.reason = state.problem;
   }
   return silent;
+}
+
+/// Waits for the end of another shot or a preview; not locked when it is stopped.
+std::unique_lock<std::mutex> WaitForTurn(std::mutex& one_shot, const std::stop_token& stop) {
+  std::unique_lock turn(one_shot, std::try_to_lock);
+  while (!turn && !stop.stop_requested()) {
+    std::this_thread::sleep_for(kTurnPollInterval);
+    static_cast<void>(turn.try_lock());
+  }
+  return turn;
 }
 
 /// Counts while it lives.
@@ -209,7 +222,8 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
                                        std::stop_token give_up) {
   const std::vector<CameraWorker*> ready = ReadyWorkers();
   ROTUNDA_RETURN_IF_ERROR(FitMemory());  // now that it is known who takes part
-  std::vector<FrameBlock> blocks = memory_.Take(ready.size(), Clock::now() + kMemoryPatience);
+  std::vector<FrameBlock> blocks = memory_.Take(ready.size(), Clock::now() + kMemoryPatience, stop);
+  if (stop.stop_requested()) return Stopped();
   if (blocks.size() < ready.size()) {
     return Error{ErrorCode::kFailed,
                  "memory is full: " + Megabytes(memory_.lent() * memory_.block_bytes()) +
@@ -217,8 +231,6 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
                      "nothing is lost, try again when they are written",
                  "frames"};
   }
-  const Error stopped{ErrorCode::kCancelled, "stopped before the pulse", ""};
-  if (stop.stop_requested()) return stopped;
   const ShotTiming& timing = options_.timing;
   const auto arm_deadline = Clock::now() + milliseconds(timing.arm_ms);
   const auto task =
@@ -231,7 +243,7 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
   task->WaitForArmed(arm_deadline, stop);
   if (stop.stop_requested()) {
     task->Abandon();
-    return stopped;
+    return Stopped();
   }
   const Result<Clock::time_point> pulse =
       devices_.trigger->Pulse(std::chrono::microseconds(options_.trigger.pulse_us));
@@ -259,7 +271,8 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
 
 Result<Shot> CaptureSession::Capture(std::stop_token stop, std::stop_token give_up) {
   const Wanted wanted(shots_wanted_);
-  const std::lock_guard lock(one_shot_);
+  const std::unique_lock turn = WaitForTurn(one_shot_, stop);
+  if (!turn) return Stopped();
   if (!devices_.trigger) return Error{ErrorCode::kInvalidArgument, "there is none", "trigger"};
   if (ReadyWorkers().empty()) {
     const std::string problem = workers_.front()->state().problem;

@@ -44,10 +44,11 @@ class CaptureSession {
 
   /// Takes a shot; fires again, at most options.retries times, when a camera missed, and gives the
   /// pulse with most good frames. A shot with missing cameras is a result. Once `stop` is set there
-  /// are no more pulses; once `give_up` is, frames that have not come are not waited for either,
-  /// and those that have are the shot. kFailed: no camera is ready; or frames of earlier shots fill
-  /// the memory because the disk does not keep up (nothing is lost, try again). kIo: the trigger
-  /// line. kCancelled: stopped before the pulse, or given up before any frame came.
+  /// are no more pulses, and nothing is waited for before one; once `give_up` is, frames that have
+  /// not come are not waited for either, and those that have are the shot. kFailed: no camera is
+  /// ready; or frames of earlier shots fill the memory because the disk does not keep up (nothing
+  /// is lost, try again). kIo: the trigger line. kCancelled: stopped before the pulse, or given up
+  /// before any frame came.
   Result<Shot> Capture(std::stop_token stop = {}, std::stop_token give_up = {});
 
   /// One camera's frame by software trigger, between shots. Its memory is the session's. Shots come

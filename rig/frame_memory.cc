@@ -24,10 +24,12 @@ FrameMemory::~FrameMemory() {
 }
 
 std::vector<FrameBlock> FrameMemory::Take(size_t count,
-                                          std::chrono::steady_clock::time_point deadline) {
+                                          std::chrono::steady_clock::time_point deadline,
+                                          std::stop_token stop) {
   std::vector<FrameBlock> taken;
   std::unique_lock lock(mutex_);
-  if (!returned_.wait_until(lock, deadline, [&] { return lent_ + count <= blocks_; })) return taken;
+  const auto are_free = [&] { return lent_ + count <= blocks_; };
+  if (!returned_.wait_until(lock, stop, deadline, are_free)) return taken;
   taken.reserve(count);
   for (size_t i = 0; i < count; ++i) {
     std::unique_ptr<uint8_t[]> bytes;

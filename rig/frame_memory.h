@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <span>
+#include <stop_token>
 #include <utility>
 #include <vector>
 
@@ -52,8 +53,9 @@ class FrameMemory {
   FrameMemory(const FrameMemory&) = delete;
   FrameMemory& operator=(const FrameMemory&) = delete;
 
-  /// `count` blocks, or none when so many do not become free until `deadline`.
-  std::vector<FrameBlock> Take(size_t count, std::chrono::steady_clock::time_point deadline);
+  /// `count` blocks, or none when so many do not become free until `deadline` or `stop` is set.
+  std::vector<FrameBlock> Take(size_t count, std::chrono::steady_clock::time_point deadline,
+                               std::stop_token stop = {});
 
   /// Blocks taken from now on have `block_bytes` at least; those that are lent stay as they are.
   void Grow(size_t block_bytes);
@@ -70,7 +72,7 @@ class FrameMemory {
   const size_t blocks_;
   mutable std::mutex mutex_;
   size_t block_bytes_;
-  std::condition_variable returned_;
+  std::condition_variable_any returned_;
   std::vector<std::unique_ptr<uint8_t[]>> spare_;
   size_t lent_ = 0;
 };

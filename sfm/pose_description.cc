@@ -23,7 +23,7 @@ constexpr size_t kFewestFolded = 3;
 /// Cameras, swapped ones apart, that are not near their calibrated places.
 struct FarOff {
   size_t compared = 0;
-  size_t cameras = 0;            // turned by more than kFoldedRotation_deg, or far away
+  std::vector<size_t> cameras;   // turned by more than kFoldedRotation_deg, or far away
   std::vector<size_t> opposite;  // both
   /// Without a majority in place nobody knows which cameras are.
   bool NoneFits() const { return 2 * opposite.size() > compared; }
@@ -37,7 +37,7 @@ FarOff FindFarOff(const RigAlignment& alignment) {
     const bool turned = off->rotation_deg > kFoldedRotation_deg;
     const bool away = off->position_mm > alignment.far_mm;
     ++far_off.compared;
-    far_off.cameras += turned || away;
+    if (turned || away) far_off.cameras.push_back(i);
     if (turned && away) far_off.opposite.push_back(i);
   }
   return far_off;
@@ -70,9 +70,9 @@ void JudgeFarOff(const FarOff& far_off, bool disagrees, PoseSummary& summary) {
     summary.margin.reset();
     summary.verdict = VerdictName(Verdict::kFolded);
     summary.verdict_reason = FoldedReason(far_off);
-  } else if (far_off.cameras > 0) {
+  } else if (!far_off.cameras.empty()) {
     if (summary.verdict != VerdictName(Verdict::kFolded)) summary.folded.reset();
-    MakeUnsure(Cameras(far_off.cameras) +
+    MakeUnsure(Cameras(far_off.cameras.size()) +
                    " far from where the calibration has them: mounted elsewhere, calibrated "
                    "otherwise, or on the wrong side",
                summary);
@@ -84,6 +84,12 @@ void JudgeFarOff(const FarOff& far_off, bool disagrees, PoseSummary& summary) {
           "another rig's, or the rig has changed as a whole",
           summary);
     }
+  }
+}
+
+void MarkFarOff(const FarOff& far_off, std::vector<CameraPose>& cameras) {
+  for (const size_t i : far_off.cameras) {
+    if (cameras[i].vs_calibration) cameras[i].vs_calibration->far_off = true;
   }
 }
 
@@ -165,6 +171,7 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
     ++compared;
   }
   const FarOff far_off = FindFarOff(alignment);
+  MarkFarOff(far_off, poses.cameras);
   JudgeFarOff(far_off, DisagreesAsAWhole(poses.cameras, kMovedSigmas), poses.summary);
   if (poses.summary.folded.value_or(false)) MarkFolded(far_off, poses.cameras);
   if (compared == 0) return;
@@ -173,7 +180,7 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
 }
 
 void AddVerdict(const TcSfmResult& result, PoseSet& poses) {
-  poses.summary.verdict = VerdictName(result.verdict);
+  poses.summary.verdict = poses.summary.verdict_of_pictures = VerdictName(result.verdict);
   poses.summary.verdict_reason = result.reason;
   if (std::isfinite(result.evidence)) poses.summary.margin = result.evidence;
   if (result.verdict != Verdict::kUnsure) {

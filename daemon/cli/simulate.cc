@@ -66,6 +66,29 @@ Status Simulate(const SimulateArguments& arguments, const CommonOptions& common)
   return {};
 }
 
+/// An option that says of cameras by how much each is not where the calibration has it.
+void AddMovedOption(CLI::App* command, const std::string& name, const char* type,
+                    const char* description, double sim::MovedCamera::*amount,
+                    sim::SimulateOptions& options) {
+  command
+      ->add_option_function<std::vector<std::string>>(
+          name,
+          [name, amount, &options](const std::vector<std::string>& words) {
+            for (size_t i = 0; i + 1 < words.size(); i += 2) {
+              sim::MovedCamera& moved = options.moved.emplace_back();
+              moved.camera = words[i];
+              if (!CLI::detail::lexical_cast(words[i + 1], moved.*amount)) {
+                throw CLI::ValidationError(name, "'" + words[i + 1] + "' is no number");
+              }
+            }
+          },
+          description)
+      ->type_size(2)
+      ->expected(1, CLI::detail::expected_max_vector_size)
+      ->allow_extra_args(false)
+      ->type_name(type);
+}
+
 }  // namespace
 
 void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
@@ -146,24 +169,16 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->add_option("--scale", options.picture_scale,
                    "Size of the pictures, above 0.05 to 2; 1 is the rig's")
       ->capture_default_str();
-  command
-      ->add_option_function<std::vector<std::string>>(
-          "--move",
-          [&options](const std::vector<std::string>& words) {
-            for (size_t i = 0; i + 1 < words.size(); i += 2) {
-              sim::MovedCamera& moved = options.moved.emplace_back();
-              moved.camera = words[i];
-              if (!CLI::detail::lexical_cast(words[i + 1], moved.right_mm)) {
-                throw CLI::ValidationError("--move", "'" + words[i + 1] + "' is no number of mm");
-              }
-            }
-          },
-          "Push a camera so many millimetres to its right after the rig was calibrated: "
-          "calibration.json has it where it was, truth.json where it is. Once for each camera")
-      ->type_size(2)
-      ->expected(1, CLI::detail::expected_max_vector_size)
-      ->allow_extra_args(false)
-      ->type_name("CAMERA MM");
+  AddMovedOption(
+      command, "--move", "CAMERA MM",
+      "Push a camera so many millimetres to its right after the rig was calibrated: "
+      "calibration.json has it where it was, truth.json where it is. Once for each camera",
+      &sim::MovedCamera::right_mm, options);
+  AddMovedOption(
+      command, "--turn", "CAMERA DEG",
+      "Turn a camera so many degrees to its right after the rig was calibrated. Once for "
+      "each camera",
+      &sim::MovedCamera::turn_deg, options);
   AddServeOptions(command, arguments->serve);
   command->callback([arguments, out, &common, &chosen] {
     const int tasks = static_cast<int>(out->count() > 0) +

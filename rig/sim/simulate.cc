@@ -78,11 +78,17 @@ Status Validate(const RigOptions& rig, const SimulateOptions& options) {
 }
 
 constexpr int kMostMoved_mm = 1000;
+constexpr int kMostTurned_deg = 180;
 
 Status MoveCamera(const MovedCamera& moved, Calibration& truth) {
   if (!(std::abs(moved.right_mm) <= kMostMoved_mm)) {
     return Error{ErrorCode::kInvalidArgument,
                  "a camera is moved by at most " + std::to_string(kMostMoved_mm) + " mm", "moved"};
+  }
+  if (!(std::abs(moved.turn_deg) <= kMostTurned_deg)) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "a camera is turned by at most " + std::to_string(kMostTurned_deg) + " degrees",
+                 "moved"};
   }
   const auto camera =
       std::find_if(truth.cameras.begin(), truth.cameras.end(),
@@ -94,6 +100,11 @@ Status MoveCamera(const MovedCamera& moved, Calibration& truth) {
   }
   // x_in_cam = R (x - centre): a centre further right has all points further left.
   camera->cam_from_rig.translation.x() -= 1e-3 * moved.right_mm;
+  // And what a camera that turns to the right sees goes to the left.
+  const Rigid3 turned_from_cam{
+      Eigen::Quaterniond(Eigen::AngleAxisd(-RadFromDeg(moved.turn_deg), Eigen::Vector3d::UnitY())),
+      Eigen::Vector3d::Zero()};
+  camera->cam_from_rig = turned_from_cam * camera->cam_from_rig;
   return {};
 }
 

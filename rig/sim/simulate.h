@@ -21,10 +21,11 @@ namespace rotunda::sim {
 enum class Target { kBody, kCuboid };
 enum class Background { kStudio, kPlain };
 
-/// A camera that somebody has pushed since the rig was calibrated.
+/// A camera that somebody has pushed or turned since the rig was calibrated.
 struct MovedCamera {
   std::string camera;
-  double right_mm = 0;  // along its own x axis; it looks the same way as before
+  double right_mm = 0;  // along its own x axis
+  double turn_deg = 0;  // to its right, about its own y axis and centre
 };
 
 struct SimulateOptions {

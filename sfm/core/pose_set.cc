@@ -23,6 +23,7 @@ Json VsCalibrationJson(const VsCalibration& vs) {
   object["moved"] = vs.moved;
   if (vs.swapped_with) object["swapped_with"] = *vs.swapped_with;
   if (vs.wrong_side) object["wrong_side"] = true;
+  if (vs.far_off) object["far_off"] = true;
   return object;
 }
 
@@ -66,6 +67,7 @@ VsCalibration ReadVsCalibration(const JsonField& object) {
   vs.moved = object["moved"].Bool();
   if (object["sigmas"].present()) vs.sigmas = object["sigmas"].Number();
   if (object["wrong_side"].present()) vs.wrong_side = object["wrong_side"].Bool();
+  if (object["far_off"].present()) vs.far_off = object["far_off"].Bool();
   if (vs.wrong_side && vs.moved) object["moved"].Refuse("false for a camera on the wrong side");
   const JsonField swapped_with = object["swapped_with"];
   if (!swapped_with.present()) return vs;
@@ -139,6 +141,9 @@ Json SummaryJson(const PoseSummary& summary) {
     object["verdict"] = summary.verdict;
     object["verdict_reason"] = summary.verdict_reason;
   }
+  if (!summary.verdict_of_pictures.empty()) {
+    object["verdict_of_pictures"] = summary.verdict_of_pictures;
+  }
   if (summary.margin) object["margin"] = *summary.margin;
   return object;
 }
@@ -170,6 +175,7 @@ PoseSummary ReadSummary(const JsonField& object) {
   if (object["verdict_reason"].present()) {
     summary.verdict_reason = object["verdict_reason"].String();
   }
+  summary.verdict_of_pictures = ReadVerdict(object["verdict_of_pictures"]);
   if (object["margin"].present()) summary.margin = object["margin"].Number();
   return summary;
 }

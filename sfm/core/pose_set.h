@@ -26,6 +26,9 @@ struct VsCalibration {
   bool wrong_side = false;
   /// The larger of rotation and position, in predicted sigmas of pose and calibration together.
   double sigmas = 0.0;
+  /// Turned by more than kFoldedRotation_deg, or so far away that nobody pushed it there by
+  /// accident. Never of swapped cameras.
+  bool far_off = false;
 };
 
 /// One camera of a reconstruction.
@@ -78,6 +81,9 @@ struct PoseSummary {
   std::string verdict;         // "sure", "unsure", "folded"; empty: neither method nor calibration
                                // give one
   std::string verdict_reason;  // one line; empty with the verdict
+  /// What the pictures alone say, before the calibration is looked at, which can only make it
+  /// worse; empty: the method gives none, or the file is of a version that did not tell.
+  std::string verdict_of_pictures;
   /// Log-likelihood (natural) that speaks against everything that looks alike; absent when nothing
   /// does.
   std::optional<double> margin;

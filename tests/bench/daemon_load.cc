@@ -1,5 +1,6 @@
 // The real daemon with simulated cameras, which captures and reconstructs without a pause while
-// many clients poll it and follow its events; then reconstructions are cancelled at random moments.
+// many clients poll it and follow its events; then reconstructions, calibrations and captures with
+// a camera missing are cancelled at random moments.
 // Ends with 1 when the slowest hundredth of the reads takes 50 ms or more, a read fails, a frame is
 // missed, an event stream misses something or a cancelled job takes more than two seconds to end.
 
@@ -8,7 +9,9 @@
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
+#include <filesystem>
 #include <iterator>
 #include <map>
 #include <mutex>
@@ -56,6 +59,9 @@ constexpr double kLeastReconstructing = 0.5;
 constexpr int kLeastShots = 5;
 constexpr double kCancelLimit_ms = 2000;
 constexpr auto kCancelLook = milliseconds(10);
+// With a camera missing, and another pulse for it.
+constexpr auto kLongestCapture = milliseconds(8000);
+constexpr size_t kTargetShots = 3;
 
 constexpr const char* kTargets[] = {"/v1/status", "/v1/captures?limit=50", "/v1/jobs",
                                     "/v1/drift",  "/v1/cameras",           "/metrics"};
@@ -121,7 +127,8 @@ struct Work {
   std::vector<std::string> missed;  // "c03r1 in 2026...: late"
   int looks = 0, reconstructing = 0;
   int reconstructions = 0;
-  std::vector<double> cancelled_ms;  // from the request to the end
+  // From the request to the end, by kind of job.
+  std::map<std::string, std::vector<double>> cancelled_ms;
 };
 
 /// A shot, its frames, one after the other; a reconstruction is queued whenever none is.
@@ -172,29 +179,72 @@ void CancelAll(const SimulatedDaemon& daemon) {
   }
 }
 
-/// Reconstructions of the last shot, each cancelled at a random moment.
-void Cancel(const SimulatedDaemon& daemon, const Arguments& arguments, Work& work) {
-  CancelAll(daemon);
+/// Asks for `body` at `target` again and again, and cancels each such job at a random moment, at
+/// most `latest` after its begin.
+void Cancel(const SimulatedDaemon& daemon, const Arguments& arguments, const std::string& target,
+            const Json& body, milliseconds latest, std::vector<double>& cancelled_ms) {
   std::mt19937 random(arguments.seed);
-  std::uniform_int_distribution<int> moment_ms(0, 1000 * arguments.cancel_within_s);
-  const std::string capture = daemon.Get("/v1/captures?limit=1")["items"][0]["id"];
+  std::uniform_int_distribution<int64_t> moment_ms(0, latest.count());
   for (int i = 0; i < arguments.cancels; ++i) {
-    const Json job = daemon.Ask("POST", "/v1/captures/" + capture + "/reconstructions", "{}");
+    const Json job = daemon.Ask("POST", target, body.dump());
     Require(job.is_object() && job.contains("id"), "no job: " + job.dump());
-    const std::string target = "/v1/jobs/" + job["id"].dump();
+    const std::string of_job = "/v1/jobs/" + job["id"].dump();
     Require(test::WaitUntil(kPatience,
-                            [&] { return daemon.Get(target).value("state", "") != "queued"; }),
+                            [&] { return daemon.Get(of_job).value("state", "") != "queued"; }),
             "it is not begun: " + job.dump());
     std::this_thread::sleep_for(milliseconds(moment_ms(random)));
+    const bool was_running = daemon.Get(of_job).value("state", "") == "running";
     const auto begin = Clock::now();
-    daemon.Ask("DELETE", target);
-    while (daemon.Get(target).value("state", "") == "running") {
+    daemon.Ask("DELETE", of_job);
+    while (daemon.Get(of_job).value("state", "") == "running") {
       std::this_thread::sleep_for(kCancelLook);
     }
     const std::chrono::duration<double, std::milli> spent = Clock::now() - begin;
-    // Else it had come to its end before.
-    if (daemon.Get(target)["state"] == "cancelled") work.cancelled_ms.push_back(spent.count());
+    // Else it had come to its end before. A capture that keeps its shot is done.
+    if (was_running) cancelled_ms.push_back(spent.count());
   }
+}
+
+/// A shot of what is served as `shot`, and nothing more; gives its id.
+std::string TakeShot(const SimulatedDaemon& daemon, size_t shot) {
+  daemon.SendToCameras({"shot", std::to_string(shot)});
+  const Json job = daemon.Ended(
+      daemon.Ask("POST", "/v1/captures", Json({{"reconstruct", false}}).dump()), kPatience);
+  Require(job["state"] == "done" && job["result"]["complete"] == true, job.dump(1));
+  return job["result"]["capture"];
+}
+
+/// The frame sets are those of the target, then that of the person.
+void CancelCalibrations(const SimulatedDaemon& daemon, const Arguments& arguments, Work& work) {
+  Json captures = Json::array();
+  for (size_t shot = 0; shot < kTargetShots; ++shot) {
+    captures.push_back(TakeShot(daemon, shot));
+  }
+  const Json body = {{"captures", captures}};
+  const auto begin = Clock::now();
+  const Json whole = daemon.Ended(daemon.Ask("POST", "/v1/calibrations", body.dump()), kPatience);
+  Require(whole["state"] == "done", whole.dump(1));
+  const auto spent = std::chrono::duration_cast<milliseconds>(Clock::now() - begin);
+  Cancel(daemon, arguments, "/v1/calibrations", body, spent, work.cancelled_ms["calibration"]);
+}
+
+/// One camera does not send: its frame is waited for.
+void CancelCaptures(const SimulatedDaemon& daemon, const Arguments& arguments, Work& work) {
+  const std::string camera = daemon.Get("/v1/cameras")["items"][0]["camera"];
+  daemon.SendToCameras({"fault", camera, "mute"});
+  Cancel(daemon, arguments, "/v1/captures", Json({{"reconstruct", false}}), kLongestCapture,
+         work.cancelled_ms["capture"]);
+  daemon.SendToCameras({"clear"});
+}
+
+void CancelAtRandom(const SimulatedDaemon& daemon, const Arguments& arguments, Work& work) {
+  CancelAll(daemon);
+  if (arguments.cancels == 0) return;
+  const std::string capture = daemon.Get("/v1/captures?limit=1")["items"][0]["id"];
+  Cancel(daemon, arguments, "/v1/captures/" + capture + "/reconstructions", Json::object(),
+         std::chrono::seconds(arguments.cancel_within_s), work.cancelled_ms["reconstruction"]);
+  CancelCalibrations(daemon, arguments, work);
+  CancelCaptures(daemon, arguments, work);
 }
 
 double At(const std::vector<double>& sorted, double part) {
@@ -239,13 +289,14 @@ std::vector<std::string> Judge(const Arguments& arguments, const Reads& reads,
   }
   std::printf("%zu of %zu event streams told of every shot (%zu bytes)\n", whole, streams.size(),
               bytes);
-  const std::vector<double>& cancelled = work.cancelled_ms;
-  const double slowest_ms =
-      cancelled.empty() ? 0 : *std::max_element(cancelled.begin(), cancelled.end());
-  std::printf("%zu reconstructions cancelled, the slowest ended after %.0f ms\n", cancelled.size(),
-              slowest_ms);
-  must(slowest_ms <= kCancelLimit_ms, "a job that was cancelled took too long to end");
-  must(arguments.cancels == 0 || !cancelled.empty(), "no job was cancelled in time");
+  for (const auto& [kind, cancelled] : work.cancelled_ms) {
+    const double slowest_ms =
+        cancelled.empty() ? 0 : *std::max_element(cancelled.begin(), cancelled.end());
+    std::printf("%zu %ss cancelled, the slowest ended after %.0f ms\n", cancelled.size(),
+                kind.c_str(), slowest_ms);
+    must(slowest_ms <= kCancelLimit_ms, "a " + kind + " that was cancelled took too long to end");
+    must(!cancelled.empty(), "no " + kind + " was cancelled in time");
+  }
   must(At(all, 0.99) < arguments.limit_ms, "the slowest hundredth of the reads is too slow");
   must(reads.failed == 0, "reads failed");
   must(work.missed.empty(), "frames were missed");
@@ -256,22 +307,38 @@ std::vector<std::string> Judge(const Arguments& arguments, const Reads& reads,
   return failures;
 }
 
+/// kTargetShots of the target, one of a person.
+std::vector<std::filesystem::path> RenderScenes(const Arguments& arguments,
+                                                const std::filesystem::path& folder) {
+  std::vector<std::string> words = {"--cameras", std::to_string(arguments.cameras),
+                                    "--scale",   std::to_string(arguments.scale),
+                                    "--seed",    "1"};
+  bench::Render(ROTUNDA_COMMAND, folder / "person", words);
+  words.insert(words.end(), {"--target", "cuboid", "--placements", std::to_string(kTargetShots)});
+  bench::Render(ROTUNDA_COMMAND, folder / "target", words);
+  std::vector<std::filesystem::path> sets;
+  for (size_t i = 0; i < kTargetShots; ++i) {
+    sets.push_back(folder / "target" / ("placement_0" + std::to_string(i)));
+  }
+  sets.push_back(folder / "person");
+  return sets;
+}
+
 std::vector<std::string> Measure(const Arguments& arguments) {
   const test::TemporaryFolder folder;
-  bench::Render(ROTUNDA_COMMAND, folder / "person",
-                {"--cameras", std::to_string(arguments.cameras), "--scale",
-                 std::to_string(arguments.scale), "--seed", "1"});
   SimulatedDaemon::Options options;
   options.command = ROTUNDA_COMMAND;
   options.daemon = ROTUNDA_DAEMON;
   options.board = std::string(ROTUNDA_SOURCE_DIR) + "/config/cuboid.toml";
-  options.frame_sets = {folder / "person"};
+  options.frame_sets = RenderScenes(arguments, folder.path());
+  options.hold = true;
   options.block = arguments.block;
   options.more_config = "[storage]\nreserve_mb = 10\n[http]\nheartbeat_ms = 1000\n";
   const SimulatedDaemon daemon(options);
   const auto process = daemon.Start();
   Require(daemon.WaitForCameras(static_cast<size_t>(arguments.cameras), kPatience),
           "the cameras do not become ready:\n" + daemon.Log());
+  daemon.SendToCameras({"shot", std::to_string(kTargetShots)});
   Reads reads;
   Work work;
   std::vector<Stream> streams(static_cast<size_t>(arguments.streams));
@@ -293,7 +360,7 @@ std::vector<std::string> Measure(const Arguments& arguments) {
     end = true;
   }
   CountReconstructions(daemon, work);
-  Cancel(daemon, arguments, work);
+  CancelAtRandom(daemon, arguments, work);
   process->Signal(SIGTERM);
   Require(process->Wait() == 0, "the daemon did not stop well:\n" + daemon.Log());
   return Judge(arguments, reads, streams, work);
@@ -314,10 +381,10 @@ int Main(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--limit", arguments.limit_ms, "Of 99 % of the reads, milliseconds")
       ->capture_default_str();
-  app.add_option("--cancels", arguments.cancels, "Reconstructions to cancel after that")
+  app.add_option("--cancels", arguments.cancels, "Jobs of each kind to cancel after that")
       ->capture_default_str();
   app.add_option("--cancel-within", arguments.cancel_within_s,
-                 "Latest moment of that, seconds after its begin")
+                 "Latest moment of a reconstruction's, seconds after its begin")
       ->capture_default_str();
   app.add_option("--seed", arguments.seed, "Of these moments")->capture_default_str();
   app.add_option("--block", arguments.block, "Addresses of the cameras")->capture_default_str();

@@ -52,9 +52,9 @@ Calibration TwoCameras() {
 }
 
 /// Camera c1 is 20 mm from where the calibration has it.
-PoseSet MovedPoses() {
+PoseSet MovedPoses(const std::string& capture = kCapture) {
   PoseSet poses;
-  poses.frameset = kCapture;
+  poses.frameset = capture;
   poses.method = "tc-sfm";
   poses.metric = true;
   poses.aligned_to = kCalibration;
@@ -118,16 +118,23 @@ class Api : public testing::Test {
     std::ofstream(store.CalibrationFolder(kCalibration) / "report.html") << "<html>";
     ASSERT_TRUE(RecordCalibration(store, kCalibration));
     ASSERT_TRUE(ActivateCalibration(store, kCalibration));
-    test::WriteTinyFrameSet(store.CaptureFolder(kCapture), "2026-01-01T10:00:00Z");
-    ASSERT_TRUE(RecordCapture(store, kCapture, std::nullopt));
-    const auto folder = store.ReconstructionFolder(kReconstruction);
+    AddCapture("2026-01-01T10:00:00Z", MovedPoses());
+  }
+
+  void AddCapture(const std::string& captured_at, const PoseSet& poses) {
+    Store& store = state_.store();
+    test::WriteTinyFrameSet(store.CaptureFolder(poses.frameset), captured_at);
+    ASSERT_TRUE(RecordCapture(store, poses.frameset, std::nullopt));
+    const std::string id = poses.frameset + "-r1";
+    const auto folder = store.ReconstructionFolder(id);
     std::filesystem::create_directories(folder);
-    std::ofstream(folder / "poses.json") << PoseSetToJson(MovedPoses());
+    std::ofstream(folder / "poses.json") << PoseSetToJson(poses);
     std::ofstream(folder / "report.html") << "<html>";
     std::ofstream(folder / "points.ply") << "ply";
-    const auto recorded = RecordReconstruction(store, kReconstruction);
+    const auto recorded = RecordReconstruction(store, id);
     ASSERT_TRUE(recorded) << recorded.error().ToString();
   }
+  std::string Problems() { return Checked(Get("/v1/status"), "Status")["problems"].dump(); }
 
   /// As the server does it.
   HttpResponse Call(const std::string& method, const std::string& target,
@@ -232,6 +239,43 @@ TEST_F(Api, StatusTellsWhatToSeeTo) {
   EXPECT_EQ(drift["cameras"][1]["beyond_limit"], true);
   const Json history = Checked(Get("/v1/drift?camera=c1"), "DriftPage");
   EXPECT_EQ(history["items"][0]["capture"], kCapture);
+}
+
+TEST_F(Api, StatusTellsOfCapturesThatAreNotSureAndOfCamerasWithoutAPose) {
+  Fill();
+  for (int number = 1; number <= 2; ++number) {
+    EXPECT_EQ(Problems().find("not sure"), std::string::npos) << number;
+    EXPECT_EQ(Problems().find("has no pose"), std::string::npos) << number;
+    PoseSet poses = MovedPoses("unsure-" + std::to_string(number));
+    poses.summary.verdict = "unsure";
+    poses.summary.verdict_of_pictures = "sure";
+    poses.summary.verdict_reason = "1 camera far off";
+    poses.cameras[1] = CameraPose();
+    poses.cameras[1].camera = "c1";
+    poses.cameras[1].reason = "3 inliers, expected 30";
+    AddCapture("2026-01-01T11:0" + std::to_string(number) + ":00Z", poses);
+  }
+  EXPECT_NE(Problems().find("the newest 2 are not sure; unsure-2 is unsure: 1 camera far off"),
+            std::string::npos)
+      << Problems();
+  EXPECT_NE(
+      Problems().find("camera c1 has no pose in the last 2 captures (3 inliers, expected 30)"),
+      std::string::npos)
+      << Problems();
+  AddCapture("2026-01-01T12:00:00Z", MovedPoses("sure-again"));
+  EXPECT_EQ(Problems().find("not sure"), std::string::npos) << Problems();
+  EXPECT_EQ(Problems().find("has no pose"), std::string::npos) << Problems();
+}
+
+TEST_F(Api, StatusTellsOfJobsThatCannotBeBegun) {
+  const Status done = state_.store().Write([](Database& database, auto&) {
+    return database.Execute(
+        "CREATE TRIGGER full BEFORE UPDATE ON jobs BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  });
+  ASSERT_TRUE(done.ok()) << done.error().ToString();
+  ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
+  while (!jobs_->Trouble()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_NE(Problems().find("jobs are not begun (capture): "), std::string::npos) << Problems();
 }
 
 TEST_F(Api, StatusNamesACalibrationInForceThatCannotBeRead) {

@@ -4,6 +4,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <climits>
 #include <map>
@@ -181,6 +182,38 @@ TEST_F(CaptureJobTest, AShotWithMissingCamerasIsKeptAndSaysWhich) {
   EXPECT_EQ(capture->frames, uint64_t{kCameras});
   EXPECT_EQ(ListFrames(store(), capture->id)->at(2).status, "missing");
   EXPECT_NE(job.result.find("c002 missing"), std::string::npos) << job.result;
+}
+
+/// The others' frames have come when it is cancelled.
+TEST_F(CaptureJobTest, CancelledAfterThePulseKeepsWhatHasComeAndWaitsForNobody) {
+  queue_.reset();
+  rig_.capture().timing.deadline_ms = 60000;
+  station_ = std::make_unique<CaptureStation>(
+      CaptureStation::Options{rig_.capture(), rig_.server().socket(), 60s});
+  StartQueue(0);
+  ASSERT_TRUE(station_->Open().ok());
+  const auto ready = [&](const rig::CameraState& state) {
+    return state.condition == rig::CameraCondition::kReady;
+  };
+  std::vector<rig::CameraState> before;
+  do {
+    std::this_thread::sleep_for(1ms);
+    before = station_->States();
+  } while (!std::all_of(before.begin(), before.end(), ready));
+  ASSERT_TRUE(rig_.server().SetFault(2, {FaultKind::kMute, 0, 0}).ok());
+  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
+  const auto has_come = [&](size_t i) {
+    return station_->States()[i].last_frame_at != before[i].last_frame_at;
+  };
+  while (!has_come(0) || !has_come(1) || !has_come(3)) std::this_thread::sleep_for(1ms);
+  ASSERT_TRUE(queue_->Cancel(job->number).ok());
+  const JobRecord end = Wait(job->number);
+  ASSERT_EQ(end.state, JobState::kDone) << end.error;
+  const auto frames = ListFrames(store(), end.product);
+  ASSERT_EQ(frames->size(), size_t{kCameras});
+  for (size_t i = 0; i < frames->size(); ++i) {
+    EXPECT_EQ(frames->at(i).status, i == 2 ? "interrupted" : "ok") << i;
+  }
 }
 
 TEST_F(CaptureJobTest, IsRefusedWhenTheDiskIsNearlyFull) {

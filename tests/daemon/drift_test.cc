@@ -59,11 +59,14 @@ FrameSet SetOf(const Calibration& calibration, const std::string& id) {
   return set;
 }
 
-/// The rig in a reconstruction: in a frame and scale of its own, with noise, one camera elsewhere.
+/// The rig in a reconstruction: in a frame and scale of its own, with noise, one camera elsewhere,
+/// and one without a pose.
 struct Shake {
   std::string moved_camera;
   Eigen::Vector3d moved_m = Eigen::Vector3d::Zero();
   uint32_t seed = 1;
+  double turned_deg = 0;  // the moved camera, about its axis of sight
+  std::string lost_camera = "";
 };
 sfm::Reconstruction Reconstruct(const Calibration& calibration, const Shake& shake) {
   std::mt19937 random(shake.seed);
@@ -78,8 +81,15 @@ sfm::Reconstruction Reconstruct(const Calibration& calibration, const Shake& sha
   sfm::Reconstruction reconstruction;
   for (const CalibratedCamera& camera : calibration.cameras) {
     Eigen::Vector3d center = camera.cam_from_rig.OriginInSource() + noise(1e-3 * kPosition_mm);
-    if (camera.camera == shake.moved_camera) center += shake.moved_m;
-    const Eigen::Vector3d turn = noise(RadFromDeg(kRotation_deg));
+    Eigen::Vector3d turn = noise(RadFromDeg(kRotation_deg));
+    if (camera.camera == shake.moved_camera) {
+      center += shake.moved_m;
+      turn.z() += RadFromDeg(shake.turned_deg);
+    }
+    if (camera.camera == shake.lost_camera) {
+      reconstruction.cam_from_model.emplace_back();
+      continue;
+    }
     Rigid3 pose;
     pose.rotation =
         Eigen::AngleAxisd(turn.norm(), turn.normalized()) * camera.cam_from_rig.rotation;
@@ -89,7 +99,7 @@ sfm::Reconstruction Reconstruct(const Calibration& calibration, const Shake& sha
   return reconstruction;
 }
 
-/// poses.json as the pipeline would write it for a result that is sure.
+/// poses.json as the pipeline would write it for pictures that are sure.
 PoseSet PosesOf(const Calibration& calibration, const std::string& capture, const Shake& shake) {
   const sfm::Reconstruction model = Reconstruct(calibration, shake);
   const FrameSet set = SetOf(calibration, capture);
@@ -101,12 +111,16 @@ PoseSet PosesOf(const Calibration& calibration, const std::string& capture, cons
   poses.frameset = capture;
   poses.method = "tc-sfm";
   poses.summary.registered = poses.summary.of = set.frames.size();
-  poses.summary.verdict = "sure";
+  poses.summary.verdict = poses.summary.verdict_of_pictures = "sure";
   poses.summary.verdict_reason = "synthetic";
   for (size_t i = 0; i < set.frames.size(); ++i) {
     CameraPose& pose = poses.cameras.emplace_back();
     pose.camera = set.frames[i].camera;
-    pose.registered = true;
+    pose.registered = model.cam_from_model[i].has_value();
+    if (!pose.registered) {
+      pose.reason = "3 inliers, expected 30";
+      continue;
+    }
     pose.intrinsics = calibration.cameras[i].intrinsics;
     pose.cam_from_rig = TransformPose(alignment->rig_from_model, *model.cam_from_model[i]);
     pose.sigma = PoseSigma{kRotation_deg, kPosition_mm, std::nullopt};
@@ -150,6 +164,12 @@ class DriftTest : public ::testing::Test {
       if (event.kind == kind) chosen.push_back(event);
     }
     return chosen;
+  }
+  std::vector<std::string> UnregisteredCameras() {
+    std::vector<std::string> names;
+    const auto cameras = UnregisteredNow(store());
+    for (const UnregisteredCamera& camera : *cameras) names.push_back(camera.latest.camera);
+    return names;
   }
   std::vector<std::string> MovedCameras() {
     std::vector<std::string> moved;
@@ -230,12 +250,13 @@ TEST_F(DriftTest, ACameraThatIsPutBackOrCalibratedAnewIsNotNamedAnyMore) {
 TEST_F(DriftTest, FoldedAndUnsureResultsAreMarkedAndNeverUsed) {
   const Shake moved{"c01r0", {0, 0.5, 0}, 3};
   PoseSet unsure = PosesOf(calibration_, "x1", moved);
-  unsure.summary.verdict = "unsure";
+  unsure.summary.verdict = unsure.summary.verdict_of_pictures = "unsure";
   PoseSet folded = PosesOf(calibration_, "x2", moved);
-  folded.summary.verdict = "folded";
+  folded.summary.verdict = folded.summary.verdict_of_pictures = "folded";
   folded.summary.folded = true;
   PoseSet plain = PosesOf(calibration_, "x3", moved);
   plain.summary.verdict.clear();
+  plain.summary.verdict_of_pictures.clear();
   plain.summary.verdict_reason.clear();
   PoseSet adrift = PosesOf(calibration_, "x4", moved);
   adrift.metric = false;
@@ -250,6 +271,71 @@ TEST_F(DriftTest, FoldedAndUnsureResultsAreMarkedAndNeverUsed) {
   }
   EXPECT_TRUE(DriftNow(store())->empty());
   EXPECT_TRUE(EventsOf("camera_moved").empty());
+}
+
+TEST_F(DriftTest, ACameraThatWasKnockedFarIsNamedAndTheOthersStayWatched) {
+  const Shake moved{"c02r1", {0.4, 0.5, 0}, 3}, turned{"c07r0", {0, 0, 0}, 4, 15.0};
+  int number = 0;
+  for (const Shake& shake : {moved, turned}) {
+    for (int repeat = 0; repeat < 2; ++repeat) {
+      Capture(++number);
+      const auto record = Record(number, PosesOf(calibration_, Name(number), shake));
+      EXPECT_EQ(record.verdict, "unsure") << shake.moved_camera;
+      EXPECT_TRUE(record.used_for_drift) << shake.moved_camera;
+    }
+    EXPECT_EQ(MovedCameras(), std::vector<std::string>{shake.moved_camera});
+  }
+  EXPECT_EQ(EventsOf("camera_moved").size(), 2u);
+  const auto drifts = DriftNow(store());
+  for (const CameraDrift& drift : *drifts) {
+    EXPECT_EQ(drift.captures, 4u) << drift.latest.camera;
+    EXPECT_EQ(drift.latest.beyond_limit, drift.latest.camera == "c07r0") << drift.latest.camera;
+  }
+}
+
+TEST_F(DriftTest, ARigThatStandsElsewhereAsAWholeNamesNoCamera) {
+  PoseSet poses = PosesOf(calibration_, "x1", {});
+  for (size_t i = 0; i < poses.cameras.size() / 2; ++i) {
+    poses.cameras[i].vs_calibration->far_off = true;
+  }
+  EXPECT_FALSE(MaySpeakOfDrift(poses));
+  poses.cameras[0].vs_calibration->far_off = false;
+  EXPECT_TRUE(MaySpeakOfDrift(poses));
+  for (size_t i = 0; i < poses.cameras.size() / 2; ++i) {
+    poses.cameras[i].vs_calibration->sigmas = sfm::kMovedSigmas + 0.1;
+  }
+  EXPECT_FALSE(MaySpeakOfDrift(poses));
+}
+
+TEST_F(DriftTest, ACameraWithoutAPoseInTwoCapturesIsNamedUntilItHasOne) {
+  const Shake lost{"", {0, 0, 0}, 5, 0, "c04r2"};
+  Capture(1);
+  Record(1, PosesOf(calibration_, "x1", lost), "-r1");
+  Record(1, PosesOf(calibration_, "x1", lost), "-r2");
+  EXPECT_TRUE(UnregisteredCameras().empty()) << "one capture, not two";
+  Capture(2);
+  PoseSet unsure = PosesOf(calibration_, "x2", lost);
+  unsure.summary.verdict = unsure.summary.verdict_of_pictures = "unsure";
+  Record(2, unsure);
+  EXPECT_TRUE(UnregisteredCameras().empty()) << "what is not sure says nothing";
+  Capture(3);
+  Record(3, PosesOf(calibration_, "x3", lost));
+  EXPECT_EQ(UnregisteredCameras(), std::vector<std::string>{"c04r2"});
+  const auto cameras = UnregisteredNow(store());
+  EXPECT_EQ(cameras->at(0).captures, 2u);
+  EXPECT_EQ(cameras->at(0).latest.capture, "x3");
+  EXPECT_EQ(cameras->at(0).latest.reason, "3 inliers, expected 30");
+  ASSERT_EQ(EventsOf("camera_unregistered").size(), 1u);
+  EXPECT_EQ(EventsOf("camera_unregistered")[0].about, "c04r2");
+
+  Capture(4);
+  Record(4, PosesOf(calibration_, "x4", {}));
+  EXPECT_TRUE(UnregisteredCameras().empty());
+  ASSERT_EQ(EventsOf("camera_registered").size(), 1u);
+  EXPECT_EQ(EventsOf("camera_registered")[0].about, "c04r2");
+  Record(1, PosesOf(calibration_, "x1", lost), "-r3");
+  Record(3, PosesOf(calibration_, "x3", lost), "-r2");
+  EXPECT_TRUE(UnregisteredCameras().empty()) << "a newer capture has its pose";
 }
 
 TEST_F(DriftTest, ACaptureThatIsReconstructedTwiceCountsOnce) {

@@ -10,9 +10,11 @@
 #include <set>
 #include <stdexcept>
 #include <thread>
+#include <vector>
 
 #include "daemon/store_captures.h"
 #include "daemon/store_events.h"
+#include "daemon/store_sql.h"
 #include "tests/support/daemon_state.h"
 
 namespace rotunda::daemon {
@@ -331,6 +333,36 @@ TEST(Jobs, ThatGiveNoSignOfLifeAreNamed) {
   EXPECT_NE(hung->find("job " + std::to_string(job->number)), std::string::npos);
   gate.Open();
   WaitForEnd(state.store(), job->number);
+}
+
+TEST(Jobs, ThatCannotBeTakenFromTheStoreAreToldOfOnce) {
+  DaemonState state;
+  const auto execute = [&](const std::string& sql) {
+    const Status done =
+        state.store().Write([&](Database& database, auto&) { return database.Execute(sql); });
+    ASSERT_TRUE(done.ok()) << done.error().ToString();
+  };
+  const auto job = AddJob(state.store(), {JobKind::kCapture, "{}", ""});
+  ASSERT_TRUE(job.ok());
+  execute("CREATE TRIGGER full BEFORE UPDATE ON jobs BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  std::mutex mutex;
+  std::vector<std::string> told;
+  JobQueue::Options options;
+  options.tell = [&](const std::string& trouble) {
+    const std::lock_guard lock(mutex);
+    told.push_back(trouble);
+  };
+  JobQueue queue(state.store(), CapturesDo(Nothing), options);
+  while (!queue.Trouble()) std::this_thread::sleep_for(2ms);
+  EXPECT_NE(queue.Trouble()->find("jobs are not begun (capture): "), std::string::npos);
+  EXPECT_NE(queue.Trouble()->find("no room"), std::string::npos);
+  // Asked again at once, and in vain.
+  EXPECT_TRUE(queue.Submit(JobKind::kCapture, "{}", "").ok());
+  execute("DROP TRIGGER full");
+  EXPECT_EQ(WaitForEnd(state.store(), job->number).state, JobState::kDone);
+  EXPECT_FALSE(queue.Trouble().has_value());
+  const std::lock_guard lock(mutex);
+  EXPECT_EQ(told.size(), 1u);
 }
 
 TEST(Jobs, AreRefusedWhenTooManyWait) {

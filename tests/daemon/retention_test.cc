@@ -2,12 +2,18 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
+#include <future>
+#include <optional>
+
+#include "daemon/slow_look.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_events.h"
 #include "daemon/store_reconstructions.h"
 #include "daemon/store_sql.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
+#include "tests/support/small_disk.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -131,12 +137,57 @@ TEST_F(RetentionTest, RefusesRulesThatWouldTakeEverything) {
 }
 
 TEST(DiskReserve, IsRefusedWithWhatToDo) {
-  EXPECT_TRUE(CheckDiskReserve("/", 0).ok());
-  const Status full = CheckDiskReserve("/", uint64_t{1} << 60);
+  DaemonState state;
+  EXPECT_TRUE(CheckDiskReserve(state.store(), 0).ok());
+  const Status full = CheckDiskReserve(state.store(), uint64_t{1} << 60);
   ASSERT_FALSE(full.ok());
   EXPECT_EQ(full.error().code, ErrorCode::kIo);
   EXPECT_NE(full.error().message.find("make room"), std::string::npos);
-  EXPECT_FALSE(CheckDiskReserve("/nonexistent/folder", 0).ok());
+  const fs::path captures = state.folder() / "captures";
+  fs::remove(captures);
+  const Status gone = CheckDiskReserve(state.store(), 0);
+  ASSERT_FALSE(gone.ok());
+  EXPECT_EQ(gone.error().context, captures);
+}
+
+TEST(DiskReserve, IsThatOfTheDiskThatALinkLeadsTo) {
+  constexpr uint64_t kDisk_bytes = 1 << 20;
+  const test::SmallDisk disk(kDisk_bytes);
+  if (!disk.mounted()) GTEST_SKIP() << "a small disk can be mounted by root only";
+  DaemonState state;
+  const fs::path captures = state.folder() / "captures";
+  fs::remove(captures);
+  fs::create_directory_symlink(disk.path(), captures);
+  const auto room = state.store().LeastRoom();
+  ASSERT_TRUE(room.ok()) << room.error().ToString();
+  EXPECT_EQ(room->folder, captures);
+  EXPECT_LE(room->free_bytes, kDisk_bytes);
+  EXPECT_TRUE(CheckDiskReserve(state.store(), room->free_bytes).ok());
+  const Status full = CheckDiskReserve(state.store(), room->free_bytes + 1);
+  ASSERT_FALSE(full.ok());
+  EXPECT_EQ(full.error().context, captures);
+}
+
+TEST(SlowLook, OneThatHangsHoldsUpNobodyElse) {
+  using namespace std::chrono_literals;
+  for (const auto patience : {0ms, 1000000ms}) {
+    SlowLook<int> look(1, patience);
+    EXPECT_EQ(look.Look([](int last) { return last + 1; }), 2);
+    std::promise<void> begun, answer;
+    auto hanging = std::async(std::launch::async, [&] {
+      return look.Look([&](int) {
+        begun.set_value();
+        answer.get_future().wait();
+        return 7;
+      });
+    });
+    begun.get_future().wait();
+    const auto meanwhile = look.Look([](int) { return 99; });
+    EXPECT_EQ(meanwhile, patience == 0ms ? std::nullopt : std::optional(2));
+    answer.set_value();
+    EXPECT_EQ(hanging.get(), 7);
+    EXPECT_EQ(look.Look([](int last) { return last; }), 7);
+  }
 }
 
 }  // namespace

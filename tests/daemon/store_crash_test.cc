@@ -1,6 +1,5 @@
 #include <fcntl.h>
 #include <gtest/gtest.h>
-#include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -22,6 +21,7 @@
 #include "sfm/core/checksum.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
+#include "tests/support/small_disk.h"
 
 // What the store promises when the daemon is killed, or the disk is full, at any moment.
 
@@ -315,21 +315,6 @@ TEST(StoreFullDisk, ARefusedWriteOfTheDatabaseLosesNothing) {
   EXPECT_GT(acknowledged.size(), 2u);
 }
 
-/// A file system of its own, small.
-class SmallDisk {
- public:
-  SmallDisk() { mounted_ = ::mount("tmpfs", folder_.path().c_str(), "tmpfs", 0, "size=3m") == 0; }
-  ~SmallDisk() {
-    if (mounted_) ::umount2(folder_.path().c_str(), MNT_DETACH);
-  }
-  bool mounted() const { return mounted_; }
-  const fs::path& path() const { return folder_.path(); }
-
- private:
-  test::TemporaryFolder folder_;
-  bool mounted_ = false;
-};
-
 bool EndsDone(Store& store, int64_t number) {
   for (auto patience = 2000ms; patience > 0ms; patience -= 5ms) {
     const JobState state = FindJob(store, number)->state;
@@ -341,7 +326,7 @@ bool EndsDone(Store& store, int64_t number) {
 }
 
 TEST(StoreFullDisk, AFullDiskLosesNothing) {
-  const SmallDisk disk;
+  const test::SmallDisk disk(3 << 20);
   if (!disk.mounted()) GTEST_SKIP() << "a small disk can be mounted by root only";
   ASSERT_TRUE(WriteNewFile(disk.path() / "filler", std::string(1000000, 'f')).ok());
   std::set<std::string> acknowledged;

@@ -295,6 +295,13 @@ TEST(StoreSchema, ADatabaseOfTheFirstVersionGetsWhatCameLater) {
                     ->Execute("INSERT INTO jobs (kind, state, body, product, created_at) VALUES "
                               "('capture', 'done', '{}', 'x', '2026-01-01T00:00:00.000Z')")
                     .ok());
+    ASSERT_TRUE(database
+                    ->Execute("INSERT INTO calibrations (id, created_at, source, cameras, active) "
+                              "VALUES ('now', '2026-01-01T00:00:00.000Z', 'charuco', 1, 1);"
+                              "INSERT INTO drift VALUES ('now', 'c0', '2026-01-01T00:00:00.000Z', "
+                              "'x', 'x-r1', 0, 0, NULL, NULL, 0, NULL), ('now', 'c0', "
+                              "'2026-01-02T00:00:00.000Z', 'y', 'y-r1', 1, 9, NULL, NULL, 1, NULL)")
+                    .ok());
   }
   EventHub hub;
   const auto store =
@@ -306,6 +313,26 @@ TEST(StoreSchema, ADatabaseOfTheFirstVersionGetsWhatCameLater) {
   EXPECT_NE(
       PlanOf(**store, "SELECT 1 FROM jobs WHERE kind = 'a' AND body = 'b'").find("jobs_by_body"),
       std::string::npos);
+  const auto drift = DriftNow(**store);
+  ASSERT_TRUE(drift.ok()) << drift.error().ToString();
+  ASSERT_EQ(drift->size(), 1u);
+  EXPECT_EQ(drift->at(0).beyond, 1u);
+  EXPECT_EQ(drift->at(0).latest.capture, "y");
+  EXPECT_TRUE(UnregisteredNow(**store)->empty());
+}
+
+/// With thousands of captures the status asks for it for every camera.
+TEST(StoreSchema, HowLongACameraHasBeenBeyondItsLimitIsCountedInAnIndex) {
+  DaemonState state;
+  const std::string of_camera = " FROM drift WHERE calibration = 'a' AND camera = 'b' AND ";
+  EXPECT_NE(PlanOf(state.store(), "SELECT captured_at, capture" + of_camera +
+                                      "beyond_limit = 0 ORDER BY captured_at DESC, capture DESC")
+                .find("COVERING INDEX drift_within_limit"),
+            std::string::npos);
+  EXPECT_NE(PlanOf(state.store(), "SELECT count(*)" + of_camera +
+                                      "beyond_limit = 1 AND (captured_at, capture) > ('c', 'd')")
+                .find("COVERING INDEX drift_beyond_limit"),
+            std::string::npos);
 }
 
 TEST(StoreSchema, RefusesADamagedFileAndSaysWhatToDo) {

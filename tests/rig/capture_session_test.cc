@@ -630,6 +630,20 @@ TEST(CaptureSession, SaysWhenFramesOfEarlierShotsFillTheMemory) {
   EXPECT_TRUE(shot->complete()) << shot->Summary();
 }
 
+TEST(CaptureSession, AStopWhileMemoryIsFullIsNoComplaintAboutIt) {
+  SimulatedRig rig(RigOf("127.32.36", 2));
+  rig.capture().sets_in_memory = 1;
+  const auto session = rig.Open();
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
+  const Shot kept = (*session)->Capture().value();
+  std::stop_source stop;
+  stop.request_stop();
+  const auto stopped = (*session)->Capture(stop.get_token());
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::kCancelled) << stopped.error().ToString();
+}
+
 TEST(CaptureSession, PreviewsOneCamera) {
   const SimulatedRig::Options options = RigOf("127.32.10", 2);
   SimulatedRig rig(options);
@@ -799,6 +813,34 @@ TEST(CaptureSession, AStopWhileTheCamerasAreArmedGivesNoPulse) {
   ASSERT_FALSE(shot);
   EXPECT_EQ(shot.error().code, ErrorCode::kCancelled);
   EXPECT_EQ(rig.server().counters(0).frames, frames);
+}
+
+TEST(CaptureSession, AShotThatWaitsForAPreviewCanBeStopped) {
+  SimulatedRig rig(RigOf("127.32.37", 2));
+  std::atomic<bool> is_preview = false, has_ended = false;
+  std::promise<void> entered, released;
+  Meddling slow;
+  slow.before_software_trigger = [&] {
+    if (!is_preview) return;
+    entered.set_value();
+    released.get_future().wait();
+  };
+  const auto session = OpenMeddled(rig, "127.32.37.2", slow);
+  ASSERT_TRUE(session) << session.error().ToString();
+  ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
+  is_preview = true;
+  auto preview = std::async(std::launch::async, [&] {
+    const auto frame = (*session)->Preview("c001");
+    has_ended = true;
+  });
+  entered.get_future().wait();
+  std::stop_source stop;
+  stop.request_stop();
+  const auto stopped = (*session)->Capture(stop.get_token());
+  EXPECT_FALSE(has_ended) << "the shot waited for it";
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::kCancelled);
+  released.set_value();
 }
 
 TEST(CaptureSession, AnErrorThatIsNotUnderstoodIsNotCalledLostControl) {

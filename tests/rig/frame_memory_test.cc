@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <stop_token>
+#include <thread>
 
 namespace rotunda::rig {
 namespace {
@@ -21,6 +23,16 @@ TEST(FrameMemory, LendsNoMoreThanItHas) {
   ASSERT_EQ(more.size(), 2u);
   EXPECT_EQ(more[0].data(), spare) << "what comes back is lent again";
   EXPECT_EQ(memory.lent(), 3u);
+}
+
+TEST(FrameMemory, IsNotWaitedForWhenStopped) {
+  FrameMemory memory(1, 100);
+  const auto lent = memory.Take(1, kNow);
+  std::stop_source stop;
+  std::jthread stopping([&] { stop.request_stop(); });
+  // Without the stop this would not come back.
+  const auto forever = std::chrono::steady_clock::now() + std::chrono::hours(24);
+  EXPECT_TRUE(memory.Take(1, forever, stop.get_token()).empty());
 }
 
 TEST(FrameMemoryDeathTest, DoesNotGoBeforeItsBlocks) {

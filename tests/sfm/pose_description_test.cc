@@ -170,7 +170,7 @@ Aligned Judged(const std::string& verdict, const Off& off) {
     aligned.alignment.vs_calibration[i]->moved = true;
   }
   PoseSummary& summary = aligned.poses.summary;
-  summary.verdict = verdict;
+  summary.verdict = summary.verdict_of_pictures = verdict;
   summary.verdict_reason = "of the pictures";
   if (!verdict.empty()) summary.margin = 37;
   if (verdict == "sure") summary.folded = false;
@@ -205,6 +205,10 @@ TEST(AddCalibrationFigures, WhatIsFarOffMakesItUnsureAndNothingBetter) {
       EXPECT_FALSE(poses.summary.folded.has_value()) << "nothing tells";
       EXPECT_TRUE(poses.cameras[0].vs_calibration->moved);
       EXPECT_FALSE(poses.cameras[0].vs_calibration->wrong_side);
+      EXPECT_EQ(poses.summary.verdict_of_pictures, verdict);
+      for (size_t i = 0; i < poses.cameras.size(); ++i) {
+        EXPECT_EQ(poses.cameras[i].vs_calibration->far_off, i < off.cameras) << i;
+      }
     }
   }
   const PoseSummary unsure = Judged("unsure", turned).poses.summary;
@@ -253,6 +257,7 @@ TEST(AddCalibrationFigures, CamerasThatAreMerelyMovedChangeNoVerdict) {
     EXPECT_EQ(poses.summary.verdict_reason, "of the pictures");
     EXPECT_EQ(poses.summary.folded, false) << "the calibration tells";
     EXPECT_TRUE(poses.cameras[0].vs_calibration->moved);
+    EXPECT_FALSE(poses.cameras[0].vs_calibration->far_off);
   }
 }
 
@@ -264,6 +269,7 @@ TEST(AddVerdict, TheMarginIsTheEvidenceIfAnythingLooksAlike) {
   PoseSet poses;
   AddVerdict(result, poses);
   EXPECT_EQ(poses.summary.verdict, "sure");
+  EXPECT_EQ(poses.summary.verdict_of_pictures, "sure");
   EXPECT_EQ(poses.summary.verdict_reason, "nothing looks alike");
   EXPECT_FALSE(poses.summary.margin.has_value());
   EXPECT_EQ(poses.summary.folded, false);

@@ -136,6 +136,7 @@ TEST_F(ServeCameras, HelpTellsTheWholePulseCommandTheSocketAndHowServingEnds) {
 TEST_F(ServeCameras, SeveralCamerasCanBeMoved) {
   EXPECT_EQ(Simulate({"out", "--move", "c00r0", "far"}).exit_code, 2);
   EXPECT_EQ(Simulate({"out", "--move", "c00r0"}).exit_code, 2);
+  EXPECT_EQ(Simulate({"out", "--turn", "c00r0", "far"}).exit_code, 2);
   // Two pairs, and the folder is not taken for part of them.
   const ProcessOutcome moved =
       Simulate({"--move", "c00r0", "-5", "--move", "nobody", "3", *folder_ / "out"});

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <cmath>
 #include <filesystem>
 #include <opencv2/aruco.hpp>
 #include <opencv2/aruco/charuco.hpp>
@@ -94,7 +95,10 @@ TEST(SimulateFrameSet, AMovedCameraIsNotWhereItsCalibrationHasIt) {
   ASSERT_TRUE(SimulateFrameSet({}, options, before, context));
   const auto was = ReadCalibration(before / "truth.json");
   ASSERT_TRUE(was);
-  options.moved = {{was->cameras[2].camera, 20}, {was->cameras[0].camera, -5}};
+  const double turn_deg = 15;
+  options.moved = {{was->cameras[2].camera, 20},
+                   {was->cameras[0].camera, -5},
+                   {was->cameras[1].camera, 0, turn_deg}};
   ASSERT_TRUE(SimulateFrameSet({}, options, after, context));
   const auto is = ReadCalibration(after / "truth.json");
   ASSERT_TRUE(is);
@@ -105,9 +109,16 @@ TEST(SimulateFrameSet, AMovedCameraIsNotWhereItsCalibrationHasIt) {
     const Eigen::Vector3d right = old.rotation.conjugate() * Eigen::Vector3d::UnitX();
     const double expected_m = i == 2 ? 0.020 : i == 0 ? -0.005 : 0;
     EXPECT_LT((moved_m - expected_m * right).norm(), 1e-12) << i;
-    EXPECT_LT(RotationAngle_rad(now.rotation, old.rotation), 1e-12) << i;
+    const bool is_turned = i == 1;
+    EXPECT_NEAR(RotationAngle_rad(now.rotation, old.rotation), is_turned ? RadFromDeg(turn_deg) : 0,
+                1e-12)
+        << i;
+    // What was in the middle is left of it now.
+    const Eigen::Vector3d seen = now * (old.Inverse() * Eigen::Vector3d(0, 0, 1));
+    if (is_turned) EXPECT_NEAR(seen.x(), -std::sin(RadFromDeg(turn_deg)), 1e-12);
     const std::string file = "frames/" + was->cameras[i].camera + ".png";
-    EXPECT_EQ(*ReadFile(before / file) == *ReadFile(after / file), expected_m == 0) << i;
+    EXPECT_EQ(*ReadFile(before / file) == *ReadFile(after / file), expected_m == 0 && !is_turned)
+        << i;
   }
   EXPECT_EQ(*ReadFile(before / "calibration.json"), *ReadFile(after / "calibration.json"));
   options.moved = {{"c99r9", 20}};

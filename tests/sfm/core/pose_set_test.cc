@@ -91,6 +91,32 @@ TEST(PoseSet, KeepsThatACameraIsOnTheWrongSide) {
   EXPECT_EQ(PoseSetToJson(*read), text);
 }
 
+TEST(PoseSet, KeepsThatACameraIsFarOff) {
+  PoseSet poses = MakePoses();
+  EXPECT_EQ(PoseSetToJson(poses).find("far_off"), std::string::npos);
+  poses.cameras[0].vs_calibration->far_off = true;
+  const std::string text = PoseSetToJson(poses);
+  const auto read = PoseSetFromJson(text, "text");
+  ASSERT_TRUE(read.ok()) << read.error().ToString();
+  EXPECT_TRUE(read->cameras[0].vs_calibration->far_off);
+  EXPECT_EQ(PoseSetToJson(*read), text);
+}
+
+TEST(PoseSet, KeepsWhatThePicturesSaidBesideTheVerdict) {
+  PoseSet poses = MakePoses();
+  EXPECT_EQ(PoseSetToJson(poses).find("verdict_of_pictures"), std::string::npos);
+  poses.summary.verdict = "unsure";
+  poses.summary.verdict_of_pictures = "sure";
+  const std::string text = PoseSetToJson(poses);
+  const auto read = PoseSetFromJson(text, "text");
+  ASSERT_TRUE(read.ok()) << read.error().ToString();
+  EXPECT_EQ(read->summary.verdict, "unsure");
+  EXPECT_EQ(read->summary.verdict_of_pictures, "sure");
+  json wrong = json::parse(text);
+  wrong["summary"]["verdict_of_pictures"] = "perhaps";
+  EXPECT_FALSE(PoseSetFromJson(wrong.dump(), "text").ok());
+}
+
 TEST(PoseSet, NamesCalibratedCamerasWithoutAFrame) {
   Calibration calibration;
   for (const char* name : {"z", "a", "c"}) calibration.cameras.emplace_back().camera = name;
