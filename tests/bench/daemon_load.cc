@@ -198,14 +198,12 @@ void Cancel(const SimulatedDaemon& daemon, const Arguments& arguments, Work& wor
   }
 }
 
-double At(const std::vector<double>& sorted, double part) {
-  return sorted[static_cast<size_t>(part * static_cast<double>(sorted.size() - 1))];
-}
-
-void PrintTimes(const std::string& what, std::vector<double> times) {
-  std::sort(times.begin(), times.end());
-  std::printf("%-22s %7zu %8.1f %8.1f %8.1f %8.1f %8.1f\n", what.c_str(), times.size(),
-              At(times, 0.5), At(times, 0.9), At(times, 0.99), At(times, 0.999), times.back());
+void PrintTimes(const std::string& what, const std::vector<double>& times) {
+  std::printf("%-22s %7zu", what.c_str(), times.size());
+  for (const double part : {0.5, 0.9, 0.99, 0.999, 1.0}) {
+    std::printf(" %8.1f", bench::Quantile(times, part));
+  }
+  std::printf("\n");
 }
 
 /// Prints; gives what is not as it must be.
@@ -224,7 +222,6 @@ std::vector<std::string> Judge(const Arguments& arguments, const Reads& reads,
   }
   if (all.empty()) return {"nothing was read"};
   PrintTimes("all", all);
-  std::sort(all.begin(), all.end());
   std::printf("%d reads failed\n", reads.failed.load());
   std::printf(
       "%d shots of %d cameras (%d took a second pulse), %zu frames missed; %d reconstructions "
@@ -247,7 +244,8 @@ std::vector<std::string> Judge(const Arguments& arguments, const Reads& reads,
               slowest_ms);
   must(slowest_ms <= kCancelLimit_ms, "a job that was cancelled took too long to end");
   must(arguments.cancels == 0 || !cancelled.empty(), "no job was cancelled in time");
-  must(At(all, 0.99) < arguments.limit_ms, "the slowest hundredth of the reads is too slow");
+  must(bench::Quantile(all, 0.99) < arguments.limit_ms,
+       "the slowest hundredth of the reads is too slow");
   must(reads.failed == 0, "reads failed");
   must(work.missed.empty(), "frames were missed");
   must(work.second_pulses == 0, "a frame was missed at the first pulse");
