@@ -2,10 +2,18 @@
 
 #include <gtest/gtest.h>
 #include <sqlite3.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <optional>
 #include <set>
+#include <thread>
+#include <utility>
+#include <vector>
 
 #include "daemon/events.h"
 #include "daemon/migrations.h"
@@ -14,6 +22,30 @@
 #include "daemon/store_events.h"
 #include "daemon/store_jobs.h"
 #include "tests/support/daemon_state.h"
+
+namespace {
+
+/// Looks at what is made durable while it lives; one at a time.
+struct SyncsSeen {
+  explicit SyncsSeen(std::filesystem::path of) : file(std::move(of)) { looking = this; }
+  ~SyncsSeen() { looking = nullptr; }
+  const std::filesystem::path file;
+  bool folder_once_there = false;  // the folder of `file`, when that had its name
+  static inline SyncsSeen* looking = nullptr;
+};
+
+}  // namespace
+
+extern "C" int fsync(int fd) {
+  std::error_code ignored;
+  if (SyncsSeen* const seen = SyncsSeen::looking; seen != nullptr) {
+    const auto synced =
+        std::filesystem::read_symlink("/proc/self/fd/" + std::to_string(fd), ignored);
+    seen->folder_once_there |=
+        synced == seen->file.parent_path() && std::filesystem::exists(seen->file, ignored);
+  }
+  return static_cast<int>(syscall(SYS_fsync, fd));
+}
 
 namespace rotunda::daemon {
 namespace {
@@ -358,6 +390,43 @@ TEST(Store, MakesABackupWhileItIsUsed) {
   }
   fs::rename(copy, state.folder() / "rotunda.db");
   EXPECT_EQ(state.Reopen().recovery().adopted, std::vector<std::string>{"captures/b"});
+}
+
+TEST(Store, ABackupIsItsOwnersAloneAndDurable) {
+  DaemonState state;
+  const fs::path folder = state.folder() / "backups", copy = folder / "copy.db";
+  fs::create_directory(folder);
+  const mode_t before = umask(0);
+  SyncsSeen seen(copy);
+  const Status copied = BackUpStore(state.folder(), copy);
+  umask(before);
+  ASSERT_TRUE(copied.ok()) << copied.error().ToString();
+  EXPECT_EQ(fs::status(copy).permissions(), fs::perms::owner_read | fs::perms::owner_write);
+  EXPECT_TRUE(seen.folder_once_there) << "a power cut could take the name away";
+}
+
+TEST(Store, BackupsAtTheSameTimeDoNotDisturbEachOther) {
+  DaemonState state;
+  const fs::path folder = state.folder() / "backups", copy = folder / "copy.db";
+  fs::create_directory(folder);
+  std::vector<std::optional<Error>> refusals(8);
+  {
+    std::vector<std::jthread> threads;
+    for (auto& refusal : refusals) {
+      threads.emplace_back([&] {
+        const Status copied = BackUpStore(state.folder(), copy);
+        if (!copied) refusal = copied.error();
+      });
+    }
+  }
+  for (const auto& refusal : refusals) {
+    EXPECT_TRUE(!refusal || refusal->code == ErrorCode::kAlreadyExists) << refusal->ToString();
+  }
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 1)
+      << "something was left";
+  auto database = Database::Open(copy, Database::Access::kReadOnly);
+  ASSERT_TRUE(database.ok());
+  EXPECT_EQ(database->Number("SELECT count(*) FROM captures").value(), 0);
 }
 
 TEST(StoreEvents, ComeInOrderAndCanBeResumed) {
