@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 
+#include "daemon/retention.h"
 #include "sfm/core/json_reader.h"
 
 namespace rotunda::daemon {
@@ -18,14 +19,14 @@ bool IsKey(const std::string& text) {
 }
 
 /// A request that can be read and cannot become a job: a value or an id in it that is not right
-/// 422, too many jobs 503, no room on the disk 507.
+/// 422, too many jobs 503, less room on the disk than the reserve 507.
 HttpResponse Refusal(const Error& error) {
   switch (error.code) {
     case ErrorCode::kInvalidArgument:
     case ErrorCode::kNotFound:
       return Problem(422, error.ToString());
     case ErrorCode::kIo:
-      return Problem(507, error.ToString());
+      return IsBelowReserve(error) ? Problem(507, error.ToString()) : Problem(error);
     case ErrorCode::kFailed:
       return QueueFull(error);
     default:

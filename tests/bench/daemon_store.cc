@@ -111,10 +111,12 @@ Status FillTables(daemon::Store& store, int moved) {
         "of_cameras, rms_px, verdict, verdict_reason, folded, used_for_drift) "
         "SELECT id || '-r1', id, 'now', captured_at, 'tc-sfm', frames, frames, 0.5, 'sure', '', 0, "
         "1 FROM captures;"
-        "INSERT INTO drift SELECT 'now', camera, captured_at, id, id || '-r1', 0.01, "
+        "INSERT INTO drift (calibration, camera, captured_at, capture, reconstruction, "
+        "rotation_deg, position_mm, rotation_sigma_deg, position_sigma_mm, beyond_limit) SELECT "
+        "'now', camera, captured_at, id, id || '-r1', 0.01, "
         "iif(" +
         is_moved + ", 20, 0.4), 0.01, 0.3, " + is_moved +
-        ", NULL FROM captures JOIN frames ON capture = id;"
+        " FROM captures JOIN frames ON capture = id;"
         "INSERT INTO jobs (kind, state, body, product, created_at) "
         "SELECT 'capture', 'done', '{}', id, captured_at FROM captures;"
         "INSERT INTO events (at, kind, about, data) SELECT captured_at, 'job_done', id, '{}' "

@@ -18,6 +18,7 @@
 #include "config/daemon_config.h"
 #include "daemon/model_export.h"
 #include "daemon/openapi.h"
+#include "daemon/retention.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
@@ -85,10 +86,10 @@ JobHandler HandlerThatTakesAll() {
   return handler;
 }
 
-/// As when the disk is full.
-JobHandler HandlerThatTakesNothing() {
+/// Takes new jobs when `room` is fine.
+JobHandler HandlerThatNeedsRoom(const Status& room) {
   JobHandler handler = HandlerThatTakesAll();
-  handler.admit = [] { return Status(Error{ErrorCode::kIo, "is full", "disk"}); };
+  handler.admit = [&room] { return room; };
   return handler;
 }
 
@@ -97,7 +98,7 @@ class Api : public testing::Test {
   Api() : station_(CaptureStation::Options()) {
     jobs_ = std::make_unique<JobQueue>(
         state_.store(),
-        JobHandlers{HandlerThatTakesAll(), HandlerThatTakesNothing(), HandlerThatTakesAll()},
+        JobHandlers{HandlerThatTakesAll(), HandlerThatNeedsRoom(room_), HandlerThatTakesAll()},
         JobQueue::Options());
     const ApiParts parts{state_.store(),
                          *jobs_,
@@ -148,6 +149,7 @@ class Api : public testing::Test {
   }
 
   test::DaemonState state_;
+  Status room_ = CheckDiskReserve("/", uint64_t{1} << 60);  // for calibrations
   CaptureStation station_;
   std::unique_ptr<JobQueue> jobs_;
   std::unique_ptr<Router> router_;
@@ -408,7 +410,6 @@ TEST_F(Api, JobsAreQueuedOnceForAKey) {
 TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
   Fill();
   EXPECT_EQ(Call("POST", "/v1/captures", "{\"bad\":1}").status, 422);
-  EXPECT_EQ(Call("POST", "/v1/calibrations").status, 507);
   const std::string reconstruct = "/v1/captures/" + std::string(kCapture) + "/reconstructions";
   const HttpResponse good = Call("POST", reconstruct, "{\"method\":\"plain\"}");
   ASSERT_EQ(good.status, 202) << good.body;
@@ -424,6 +425,19 @@ TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
       Call("POST", "/v1/captures", "x", Role::kOperator, {{"content-type", "text/xml"}}).status,
       415);
   EXPECT_EQ(Call("GET", "/v1/status", "{}").status, 400) << "takes no body";
+}
+
+TEST_F(Api, OnlyALackOfRoomIs507) {
+  const HttpResponse full = Call("POST", "/v1/calibrations");
+  EXPECT_EQ(full.status, 507);
+  EXPECT_NE(full.body.find("make room"), std::string::npos) << full.body;
+  room_ = Error{ErrorCode::kIo, "Input/output error", "disk"};
+  EXPECT_EQ(Call("POST", "/v1/calibrations").status, 503) << "it cannot be asked";
+  const auto drop = [](Database& database, auto&) { return database.Execute("DROP TABLE jobs"); };
+  ASSERT_TRUE(state_.store().Write(drop).ok());
+  const HttpResponse broken = Call("POST", "/v1/captures");
+  EXPECT_EQ(broken.status, 503);
+  EXPECT_NE(broken.body.find("no such table"), std::string::npos) << broken.body;
 }
 
 TEST_F(Api, AReconstructionAskedForTwiceIsTheSameJobAlsoWhenItsCaptureIsGone) {

@@ -136,7 +136,10 @@ TEST(DiskReserve, IsRefusedWithWhatToDo) {
   ASSERT_FALSE(full.ok());
   EXPECT_EQ(full.error().code, ErrorCode::kIo);
   EXPECT_NE(full.error().message.find("make room"), std::string::npos);
-  EXPECT_FALSE(CheckDiskReserve("/nonexistent/folder", 0).ok());
+  EXPECT_TRUE(IsBelowReserve(full.error()));
+  const Status unknown = CheckDiskReserve("/nonexistent/folder", 0);
+  ASSERT_FALSE(unknown.ok());
+  EXPECT_FALSE(IsBelowReserve(unknown.error()));
 }
 
 }  // namespace
