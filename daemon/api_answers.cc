@@ -71,7 +71,7 @@ HttpResponse QueueFull(const Error& error) {
 std::vector<QueryParameter> PageQuery() {
   return {{"limit", "At most so many items, 1 to " + std::to_string(kMaxPageLimit) + "; default " +
                         std::to_string(Page().limit)},
-          {"after", "`next` of the page before"}};
+          {"after", "`next` of the page before, also when what that page ended with is gone"}};
 }
 
 Result<Page> PageOf(const ApiRequest& request) {
@@ -87,8 +87,10 @@ Result<Page> PageOf(const ApiRequest& request) {
     }
   }
   if (const auto given = request.query.find("after"); given != request.query.end()) {
-    if (!IsStoreId(given->second)) {
-      return Error{ErrorCode::kInvalidArgument, "is '" + given->second + "', expected an id",
+    const bool is_place = given->second.find(',') != std::string::npos;
+    if (!is_place && !IsStoreId(given->second)) {
+      return Error{ErrorCode::kInvalidArgument,
+                   "is '" + given->second + "', expected `next` of the page before, or an id",
                    "query: after"};
     }
     page.after = given->second;

@@ -11,8 +11,8 @@ namespace rotunda::daemon {
 /// What the daemon keeps in its database, as plain values. Times are RFC 3339 in UTC with
 /// milliseconds; paths are relative to the state folder.
 
-/// Which part of a list, newest first: at most `limit` items after the one called `after` (an id,
-/// or a job's number as text); empty: from the first.
+/// Which part of a list, newest first: at most `limit` items after `after`: `next` of the page
+/// before, or the id of an item that is there; empty: from the first.
 struct Page {
   size_t limit = 50;
   std::string after;

@@ -361,6 +361,34 @@ TEST_F(ApiLists, AllThatCanGrowComeInPages) {
   EXPECT_EQ(Checked(Get(capture), "CaptureDetail")["reconstructions"].size(), 5u);
 }
 
+TEST_F(ApiLists, PagesGoOnWhenWhatTheyEndedWithIsGone) {
+  const std::string capture = "/v1/captures/" + std::string(kCapture);
+  const std::vector<std::pair<std::string, std::string>> lists = {
+      {"/v1/captures?limit=2", "DELETE FROM captures WHERE id = 'x4'"},
+      {capture + "/reconstructions?limit=2",
+       "DELETE FROM reconstructions WHERE id = '20260101T100000Z-r4'"},
+      {"/v1/drift?camera=c1&limit=2", "UPDATE drift SET reconstruction = 'x4-r2'"}};
+  for (const auto& [target, removal] : lists) {
+    const Json first = Json::parse(Get(target).body);
+    const Json second =
+        Json::parse(Get(target + "&after=" + first["next"].get<std::string>()).body);
+    ASSERT_EQ(second["items"].size(), 2u) << second;
+    ASSERT_TRUE(state_.store()
+                    .Write([&removal = removal](Database& database, auto&) {
+                      return database.Execute(removal);
+                    })
+                    .ok());
+    const HttpResponse later = Get(target + "&after=" + first["next"].get<std::string>());
+    ASSERT_EQ(later.status, 200) << target << later.body;
+    const Json items = Json::parse(later.body)["items"];
+    ASSERT_EQ(items.size(), 2u) << items;
+    const char* key = target.starts_with("/v1/drift") ? "capture" : "id";
+    for (size_t i = 0; i < 2; ++i) EXPECT_EQ(items[i][key], second["items"][i][key]) << target;
+  }
+  EXPECT_EQ(Get("/v1/drift?camera=c1&after=a,b").status, 400) << "a place in another list";
+  EXPECT_EQ(Get("/v1/captures?after=x5").status, 200) << "an id that is there";
+}
+
 TEST_F(Api, EveryRouteOfTheDesignIsServed) {
   std::set<std::string> served;
   for (const Route& route : router_->routes()) served.insert(route.method + " " + route.path);
