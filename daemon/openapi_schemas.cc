@@ -168,8 +168,6 @@ const char kOpenApiSchemas[] = R"json({
  "ReconstructionRequest": {"type": "object", "required": [],
   "properties": {"calibration": {"type": "string"}, "method": {"enum": ["tc-sfm", "plain"]},
   "pairs": {"enum": ["exhaustive", "neighbours"]}, "refine_intrinsics": {"type": "boolean"}},
-  "additionalProperties": false},
- "EmptyRequest": {"type": "object", "required": [], "properties": {},
   "additionalProperties": false}
 })json";
 

@@ -30,7 +30,6 @@ CaptureRecord ReadCapture(Statement& row) {
   capture.id = row.Id();
   capture.captured_at = row.Text();
   capture.subject = row.OptionalText();
-  capture.folder = "captures/" + capture.id;
   capture.ok_frames = row.Count();
   capture.frames = row.Count();
   capture.calibration = row.OptionalText();

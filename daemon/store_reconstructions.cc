@@ -30,7 +30,6 @@ ReconstructionRecord ReadRow(Statement& row) {
   record.capture = row.Id();
   record.calibration = row.OptionalText();
   record.created_at = row.Text();
-  record.folder = "reconstructions/" + record.id;
   record.method = row.Text();
   record.registered = row.Count();
   record.of = row.Count();

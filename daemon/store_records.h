@@ -30,7 +30,6 @@ struct CaptureRecord {
   std::string id;
   std::string captured_at;
   std::optional<std::string> subject;
-  std::string folder;      // "captures/<id>"
   uint64_t ok_frames = 0;  // frames whose status is "ok"
   uint64_t frames = 0;
   std::optional<std::string> calibration;  // in force when it was taken
@@ -55,7 +54,6 @@ struct FrameRecord {
 struct CalibrationRecord {
   std::string id;
   std::string created_at;
-  std::string folder;
   std::string source;  // "charuco", "sfm", "truth"
   uint64_t cameras = 0;
   std::optional<double> rms_px;
@@ -71,7 +69,6 @@ struct ReconstructionRecord {
   std::string capture;
   std::optional<std::string> calibration;  // its poses are compared with
   std::string created_at;
-  std::string folder;
   std::string method;
   uint64_t registered = 0;
   uint64_t of = 0;

@@ -193,6 +193,34 @@ TEST_F(Api, TheDocumentHasEveryRouteAndTheRouterEveryOperation) {
   EXPECT_GE(in_table.size(), 25u);
 }
 
+/// Names of the schemas that `value` refers to.
+void CollectReferences(const Json& value, std::set<std::string>& names) {
+  constexpr std::string_view kPrefix = "#/components/schemas/";
+  for (const auto& [key, part] : value.items()) {
+    if (key == "$ref") names.insert(part.get<std::string>().substr(kPrefix.size()));
+    if (part.is_structured()) CollectReferences(part, names);
+  }
+}
+
+TEST_F(Api, TheDocumentHasNoSchemaThatNothingRefersTo) {
+  const Json document = Document();
+  std::set<std::string> used = {"Event"};  // what a stream carries, which is no JSON itself
+  CollectReferences(document, used);
+  for (const auto& [name, schema] : document["components"]["schemas"].items()) {
+    EXPECT_TRUE(used.contains(name)) << name;
+  }
+}
+
+TEST_F(Api, TheDocumentSaysWhichRequestsTakeABody) {
+  const Json paths = Document()["paths"];
+  const auto needs_body = [&](const char* path) -> bool {
+    return paths[path]["post"]["requestBody"]["required"];
+  };
+  EXPECT_TRUE(needs_body("/v1/calibrations")) << "which captures?";
+  EXPECT_FALSE(needs_body("/v1/captures"));
+  EXPECT_FALSE(needs_body("/v1/captures/{capture}/reconstructions"));
+}
+
 TEST_F(Api, TheDocumentNamesEveryLensModel) {
   const Json document = Document();
   const Json& request = document["components"]["schemas"]["CalibrationRequest"];
