@@ -483,6 +483,20 @@ TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
   EXPECT_EQ(Call("GET", "/v1/status", "{}").status, 400) << "takes no body";
 }
 
+TEST_F(Api, MediaTypesAreComparedAsHttpSays) {
+  const auto post = [&](const std::string& type) {
+    return Call("POST", "/v1/captures", "{}", Role::kOperator, {{"content-type", type}}).status;
+  };
+  for (const char* fine : {"application/json", "application/JSON", "Application/Json",
+                           "application/json;charset=utf-8", "application/json ; charset=utf-8",
+                           "\tapplication/json\t", "", " ", "Application/X-WWW-Form-Urlencoded"}) {
+    EXPECT_EQ(post(fine), 202) << fine;
+  }
+  for (const char* other : {"text/json", "application/json2", "application json", "/", "xml"}) {
+    EXPECT_EQ(post(other), 415) << other;
+  }
+}
+
 TEST_F(Api, OnlyALackOfRoomIs507) {
   const HttpResponse full = Call("POST", "/v1/calibrations");
   EXPECT_EQ(full.status, 507);
