@@ -111,6 +111,7 @@ const Route* Router::Find(const HttpTarget& target, const std::string& method,
     if (!Fit(route, target.segments)) continue;
     if (route.method == method) return &route;
     allowed.push_back(route.method);
+    if (route.method == "GET") allowed.push_back("HEAD");
   }
   return nullptr;
 }
@@ -119,7 +120,7 @@ HttpResponse Router::Handle(const HttpRequest& request) const {
   const Result<HttpTarget> target = ParseTarget(request.target);
   if (!target) return Problem(target.error());
   std::vector<std::string> allowed;
-  const Route* route = Find(*target, request.method, allowed);
+  const Route* route = Find(*target, request.IsHead() ? "GET" : request.method, allowed);
   if (route == nullptr && allowed.empty()) {
     return Problem(404, "nothing is served there; /v1/openapi.json lists what is");
   }

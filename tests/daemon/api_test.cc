@@ -29,6 +29,7 @@
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/process.h"
+#include "tests/support/simulated_rig.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -100,9 +101,12 @@ class Api : public testing::Test {
         state_.store(),
         JobHandlers{HandlerThatTakesAll(), HandlerThatNeedsRoom(room_), HandlerThatTakesAll()},
         JobQueue::Options());
+    ServeCamerasOf(station_);
+  }
+  void ServeCamerasOf(CaptureStation& station) {
     const ApiParts parts{state_.store(),
                          *jobs_,
-                         station_,
+                         station,
                          "1.2.3",
                          state_.store().Now(),
                          [] { return uint64_t{0}; },
@@ -229,13 +233,31 @@ TEST_F(Api, TheDocumentNamesEveryLensModel) {
   EXPECT_EQ(request["properties"]["model"]["enum"].get<std::set<std::string>>(), known);
 }
 
+/// A simulated camera that Fill() knows.
+test::SimulatedRig::Options OneCamera() {
+  test::SimulatedRig::Options options;
+  options.block = "127.62.4";
+  options.cameras = 1;
+  options.like.width_px = 64;
+  options.like.height_px = 48;
+  return options;
+}
+
 TEST_F(Api, EveryReadAnswersAsTheDocumentSays) {
   Fill();
+  test::SimulatedRig cameras(OneCamera());
+  cameras.capture().cameras[0].camera = "c0";
+  CaptureStation station({cameras.capture(), cameras.server().socket()});
+  ASSERT_TRUE(station.Open().ok());
+  ServeCamerasOf(station);
+  while (station.States()[0].condition != rig::CameraCondition::kReady) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
   ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
   const Json document = Document();
   const Json& schemas = document["components"]["schemas"];
   for (const Route& route : router_->routes()) {
-    if (route.method != "GET" || route.path.starts_with("/v1/cameras/")) continue;
+    if (route.method != "GET") continue;
     std::string target = WithIds(route.path);
     if (route.operation == "getExport") target += "?format=ply";
     const HttpResponse answer = Get(target);
@@ -593,7 +615,9 @@ TEST_F(Api, NoPathLeadsOutOfTheStateFolder) {
   EXPECT_EQ(Get("/v1/nothing").status, 404);
   const HttpResponse method = Call("PATCH", "/v1/captures");
   EXPECT_EQ(method.status, 405);
-  EXPECT_EQ(method.headers.at(0).second, "POST, GET");
+  EXPECT_EQ(method.headers.at(0).second, "POST, GET, HEAD");
+  EXPECT_EQ(Call("HEAD", "/v1/captures").status, 200) << "as GET; the server leaves the body out";
+  EXPECT_EQ(Call("HEAD", "/v1/calibrations/x/activate").status, 405);
 }
 
 TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
