@@ -719,10 +719,33 @@ TEST(ClientCommands, AskForWhatTheirOptionsSay) {
       Json::parse(R"({"captures":["x"],"model":"opencv","intrinsics_from":"k","compare":"k"})"));
 }
 
+TEST(ClientCommands, ListsGoOnWhereTheySay) {
+  Daemon daemon({.cameras = NoCameras()});
+  for (const char* id : {"a", "b", "c"}) AddCapture(daemon, id);
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  const auto list = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {ROTUNDA_COMMAND, "captures", "--socket", daemon.Socket()});
+    const ProcessOutcome outcome = RunProcess(more);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
+    return outcome.output;
+  };
+  const std::string first = list({"--limit", "2"}), hint = "older ones: the same with --after ";
+  const size_t at = first.find(hint);
+  ASSERT_NE(at, std::string::npos) << first;
+  const std::string next = first.substr(at + hint.size(), first.find('\n', at) - at - hint.size());
+  const std::string rest = list({"--limit", "2", "--after", next});
+  EXPECT_NE(rest.find("\na  "), std::string::npos) << rest;
+  EXPECT_EQ(rest.find("\nb  "), std::string::npos) << rest;
+  EXPECT_EQ(rest.find(hint), std::string::npos) << "there are no more: " << rest;
+  EXPECT_EQ(RunProcess({ROTUNDA_COMMAND, "drift", "--after", next}).exit_code, 2) << "of whom?";
+  EXPECT_EQ(RunProcess({ROTUNDA_COMMAND, "captures", "a", "--after", next}).exit_code, 2);
+}
+
 TEST(ClientCommands, SayWhatToDoWithoutADaemon) {
   const test::TemporaryFolder folder;
   for (const char* command :
-       {"status", "jobs", "captures", "calibrations", "events", "cameras", "capture"}) {
+       {"status", "jobs", "captures", "calibrations", "drift", "events", "cameras", "capture"}) {
     const ProcessOutcome outcome =
         RunProcess({ROTUNDA_COMMAND, command, "--socket", folder / "none"});
     EXPECT_EQ(outcome.exit_code, 1) << command;
