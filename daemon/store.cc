@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "daemon/migrations.h"
+#include "daemon/store_folder.h"
 #include "daemon/store_recovery.h"
 #include "daemon/store_sql.h"
 #include "sfm/core/durability.h"
@@ -52,12 +53,6 @@ Status CheckIntegrity(Database& database) {
                            database.Number("SELECT count(*) FROM pragma_foreign_key_check"));
   if (orphans == 0) return {};
   return Damaged(std::to_string(orphans) + " rows without the row they belong to", database.name());
-}
-
-Status MakeFolder(const fs::path& folder) {
-  std::error_code failed;
-  fs::create_directories(folder, failed);
-  return failed ? Status(Error{ErrorCode::kIo, failed.message(), folder.string()}) : Status();
 }
 
 Status AppendEvents(Database& database, const std::string& now, std::vector<EventRecord>& events) {
@@ -146,14 +141,19 @@ Store::~Store() = default;
 
 Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& events) {
   std::unique_ptr<Store> store(new Store(std::move(options), events));
-  for (const char* folder : {"captures", "calibrations", "reconstructions"}) {
-    ROTUNDA_RETURN_IF_ERROR(MakeFolder(store->options_.state_folder / folder));
+  const fs::path& state = store->options_.state_folder;
+  for (const fs::path& folder :
+       {state, state / "captures", state / "calibrations", state / "reconstructions"}) {
+    ROTUNDA_RETURN_IF_ERROR(MakeWritableFolder(folder));
+  }
+  for (const char* file : {kLockName, kDatabaseName}) {
+    ROTUNDA_RETURN_IF_ERROR(CheckWritableFile(state / file));
   }
   ROTUNDA_RETURN_IF_ERROR(store->LockFolder());
   ROTUNDA_RETURN_IF_ERROR(store->OpenDatabase());
   Result<RecoveryReport> recovery = Recover(*store);
   if (!recovery) {
-    return AsDamaged(recovery.error(), store->options_.state_folder / kDatabaseName);
+    return AsDamaged(recovery.error(), state / kDatabaseName);
   }
   store->recovery_ = *std::move(recovery);
   return store;

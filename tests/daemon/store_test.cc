@@ -111,6 +111,46 @@ TEST(Store, KeepsACaptureOverARestart) {
   EXPECT_NE(FreeCaptureId(state.store()).value(), id);
 }
 
+/// What the store says that this thread opens as a user who is nobody; of root as of others, who
+/// own what they make.
+std::string OpenedAsNobody(DaemonState& state) {
+  constexpr int kNobody = 65534;
+  std::string said;
+  std::jthread([&] {
+    if (::geteuid() == 0) {
+      // These, without libc, are of the calling thread alone.
+      EXPECT_EQ(syscall(SYS_setresgid, -1, kNobody, -1), 0);
+      EXPECT_EQ(syscall(SYS_setresuid, -1, kNobody, -1), 0);
+    }
+    const auto opened = state.TryOpen();
+    said = opened ? "nothing" : opened.error().ToString();
+  }).join();
+  return said;
+}
+
+TEST(Store, SaysWhoseAFolderOrFileIsThatItCannotWrite) {
+  DaemonState state;
+  state.Close();
+  const auto allow = [](const fs::path& place, unsigned bits) {
+    fs::permissions(place, fs::perms(bits));
+  };
+  allow(state.folder(), 0777);
+  for (const auto& entry : fs::directory_iterator(state.folder())) allow(entry, 0777);
+  EXPECT_EQ(OpenedAsNobody(state), "nothing");
+  for (const char* name :
+       {"", "captures", "calibrations", "reconstructions", "lock", "rotunda.db"}) {
+    const fs::path place = *name == '\0' ? state.folder() : state.folder() / name;
+    allow(place, 0555);
+    const std::string said = OpenedAsNobody(state);
+    allow(place, 0777);
+    EXPECT_TRUE(said.starts_with(place.string() + ": cannot be written: Permission denied; "))
+        << said;
+    EXPECT_NE(said.find(", mode 0555, "), std::string::npos) << said;
+    EXPECT_NE(said.find(": chown "), std::string::npos) << said;
+    EXPECT_EQ(said.find('\n'), std::string::npos) << said;
+  }
+}
+
 TEST(Store, SaysWhatIsNotThere) {
   DaemonState state;
   EXPECT_EQ(FindCapture(state.store(), "../etc").error().code, ErrorCode::kNotFound);
