@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 
+#include "daemon/retention.h"
 #include "sfm/core/json_reader.h"
 
 namespace rotunda::daemon {
@@ -18,14 +19,14 @@ bool IsKey(const std::string& text) {
 }
 
 /// A request that can be read and cannot become a job: a value or an id in it that is not right
-/// 422, too many jobs 503, no room on the disk 507.
+/// 422, too many jobs 503, less room on the disk than the reserve 507.
 HttpResponse Refusal(const Error& error) {
   switch (error.code) {
     case ErrorCode::kInvalidArgument:
     case ErrorCode::kNotFound:
       return Problem(422, error.ToString());
     case ErrorCode::kIo:
-      return Problem(507, error.ToString());
+      return IsBelowReserve(error) ? Problem(507, error.ToString()) : Problem(error);
     case ErrorCode::kFailed:
       return QueueFull(error);
     default:
@@ -70,7 +71,7 @@ HttpResponse QueueFull(const Error& error) {
 std::vector<QueryParameter> PageQuery() {
   return {{"limit", "At most so many items, 1 to " + std::to_string(kMaxPageLimit) + "; default " +
                         std::to_string(Page().limit)},
-          {"after", "`next` of the page before"}};
+          {"after", "`next` of the page before, also when what that page ended with is gone"}};
 }
 
 Result<Page> PageOf(const ApiRequest& request) {
@@ -86,8 +87,10 @@ Result<Page> PageOf(const ApiRequest& request) {
     }
   }
   if (const auto given = request.query.find("after"); given != request.query.end()) {
-    if (!IsStoreId(given->second)) {
-      return Error{ErrorCode::kInvalidArgument, "is '" + given->second + "', expected an id",
+    const bool is_place = given->second.find(',') != std::string::npos;
+    if (!is_place && !IsStoreId(given->second)) {
+      return Error{ErrorCode::kInvalidArgument,
+                   "is '" + given->second + "', expected `next` of the page before, or an id",
                    "query: after"};
     }
     page.after = given->second;

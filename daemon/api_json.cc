@@ -146,6 +146,7 @@ Json ToJson(const rig::CameraState& camera) {
   AddIfKnown(object, "temperature_deg_c", camera.health.temperature_deg_c);
   AddIfKnown(object, "ptp_offset_ns", camera.health.ptp_offset_ns);
   AddIfKnown(object, "last_frame_id", camera.last_frame_id);
+  AddIfKnown(object, "last_frame_age_s", rig::LastFrameAge_s(camera));
   AddIfAny(object, "last_verdict", camera.last_verdict);
   return object;
 }

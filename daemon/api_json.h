@@ -7,7 +7,7 @@
 #include "daemon/store_records.h"
 #include "rig/camera_worker.h"
 
-// Private to the .cc files of this folder: no public header shows the JSON library.
+// Private to the .cc files of this folder and of cli: no public header shows the JSON library.
 
 namespace rotunda::daemon {
 

@@ -77,13 +77,23 @@ std::string QueryProblem(const Route& route, const std::map<std::string, std::st
   return "";
 }
 
+/// Of a Content-Type without its parameters, in lower case: "application/json".
+std::string MediaType(const std::string& content_type) {
+  constexpr char kBlank[] = " \t";
+  std::string type = content_type.substr(0, content_type.find(';'));
+  type.erase(0, type.find_first_not_of(kBlank));
+  type.erase(type.find_last_not_of(kBlank) + 1);
+  for (char& c : type) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return type;
+}
+
 /// nullopt: the body is of the kind that the route takes.
 std::optional<HttpResponse> BodyProblem(const Route& route, const HttpRequest& request) {
   if (request.body.empty()) return std::nullopt;
   if (route.request_schema.empty()) return Problem(400, "body: this request takes none");
   const std::string type = request.Header("content-type");
   // curl's --data says "form" unless told otherwise; the body is parsed as JSON or refused anyway.
-  const std::string kind = type.substr(0, type.find(';'));
+  const std::string kind = MediaType(type);
   if (kind.empty() || kind == "application/json" || kind == "application/x-www-form-urlencoded") {
     return std::nullopt;
   }
@@ -101,6 +111,7 @@ const Route* Router::Find(const HttpTarget& target, const std::string& method,
     if (!Fit(route, target.segments)) continue;
     if (route.method == method) return &route;
     allowed.push_back(route.method);
+    if (route.method == "GET") allowed.push_back("HEAD");
   }
   return nullptr;
 }
@@ -109,7 +120,7 @@ HttpResponse Router::Handle(const HttpRequest& request) const {
   const Result<HttpTarget> target = ParseTarget(request.target);
   if (!target) return Problem(target.error());
   std::vector<std::string> allowed;
-  const Route* route = Find(*target, request.method, allowed);
+  const Route* route = Find(*target, request.IsHead() ? "GET" : request.method, allowed);
   if (route == nullptr && allowed.empty()) {
     return Problem(404, "nothing is served there; /v1/openapi.json lists what is");
   }

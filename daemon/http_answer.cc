@@ -1,7 +1,6 @@
 #include "daemon/http_answer.h"
 
 #include <algorithm>
-#include <optional>
 #include <type_traits>
 #include <vector>
 
@@ -32,12 +31,22 @@ struct AnswerSender::FileAnswer : Answer<http::buffer_body> {
 };
 
 void AnswerSender::SendBody(HttpResponse response) {
+  if (connection_.request.IsHead()) return SendHead(response, response.body.size());
   auto answer = std::make_shared<Answer<http::string_body>>();
   connection_.SetHeaders(response, answer->response);
   answer->held = std::move(response.held);
   answer->deadline = DeadlineFor(response.body.size());
   answer->response.body() = std::move(response.body);
   answer->response.prepare_payload();
+  answer->serializer.emplace(answer->response);
+  Write(std::move(answer));
+}
+
+void AnswerSender::SendHead(const HttpResponse& response, std::optional<uint64_t> bytes) {
+  auto answer = std::make_shared<Answer<http::empty_body>>();
+  connection_.SetHeaders(response, answer->response);
+  answer->deadline = DeadlineFor(0);
+  if (bytes) answer->response.content_length(*bytes);
   answer->serializer.emplace(answer->response);
   Write(std::move(answer));
 }
@@ -73,6 +82,7 @@ void AnswerSender::OnFile(const HttpResponse& response, const std::shared_ptr<Fi
     return SendBody(Problem(error == beast::errc::no_such_file_or_directory ? 404 : 503,
                             response.file->filename().string() + ": " + error.message()));
   }
+  if (connection_.request.IsHead()) return SendHead(response, answer->left_bytes);
   connection_.SetHeaders(response, answer->response);
   answer->deadline = DeadlineFor(answer->left_bytes);
   answer->response.content_length(answer->left_bytes);

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <memory>
+#include <optional>
 
 #include "daemon/http_connection.h"
 #include "daemon/http_message.h"
@@ -17,7 +19,10 @@ class AnswerSender {
   /// `connection` has this as a member.
   explicit AnswerSender(HttpConnection& connection) : connection_(connection) {}
 
+  /// Without the body when it was HEAD that asked; so do the others.
   void SendBody(HttpResponse response);
+  /// The header alone, with the length of the body, if that is known.
+  void SendHead(const HttpResponse& response, std::optional<uint64_t> bytes);
   /// Handlers' threads read it, a piece when the one before was taken: a read that is slow or hangs
   /// holds up nobody else while another of these threads is free.
   void SendFile(HttpResponse response);

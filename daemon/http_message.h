@@ -30,6 +30,8 @@ struct HttpRequest {
   std::string body;
   Peer peer;
 
+  /// Whether only the header is wanted that GET would be answered with.
+  bool IsHead() const { return method == "HEAD"; }
   /// Empty when the header is not there.
   std::string Header(const std::string& lower_case_name) const {
     const auto found = headers.find(lower_case_name);

@@ -1,6 +1,7 @@
 #include "daemon/http_session.h"
 
 #include <exception>
+#include <optional>
 #include <string>
 
 #include "daemon/http_peer.h"
@@ -140,6 +141,7 @@ HttpResponse HttpSession::Handle() const {
 }
 
 void HttpSession::Send(HttpResponse response) {
+  if (response.stream && request.IsHead()) return answers_.SendHead(response, std::nullopt);
   const uint64_t places = PlacesFor(peer.role, server.options.limits.streams);
   if (response.stream && server.streams >= places) {
     response = Problem(

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "sfm/core/name_list.h"
+
 namespace rotunda::daemon {
 namespace {
 
@@ -9,12 +11,6 @@ constexpr char kSource[] = "request";
 
 Error Refusal(const Error& error) {
   return {ErrorCode::kInvalidArgument, error.message, error.context};
-}
-
-std::string Joined(const std::vector<std::string>& keys) {
-  std::string text;
-  for (const std::string& key : keys) text += (text.empty() ? "" : ", ") + key;
-  return text;
 }
 
 }  // namespace

@@ -57,7 +57,12 @@ Json Refusal(const std::string& why) {
           {"content", {{"application/problem+json", {{"schema", SchemaOf("Problem")}}}}}};
 }
 
-Json Operation(const Route& route) {
+/// Whether an object of this schema has fields that must be there: then no empty body will do.
+bool NeedsFields(const Json& schema) {
+  return schema.contains("required") && !schema["required"].empty();
+}
+
+Json Operation(const Route& route, const Json& schemas) {
   Json operation = {{"operationId", route.operation},
                     {"summary", route.summary},
                     {"x-role", route.role == Role::kOperator ? "operator" : "viewer"}};
@@ -66,7 +71,7 @@ Json Operation(const Route& route) {
   }
   if (!route.request_schema.empty()) {
     operation["requestBody"] = {
-        {"required", false},
+        {"required", NeedsFields(schemas[route.request_schema])},
         {"content", {{"application/json", {{"schema", SchemaOf(route.request_schema)}}}}}};
   }
   Json content = {{route.content_type, Json::object()}};
@@ -83,11 +88,12 @@ Json Operation(const Route& route) {
 }  // namespace
 
 std::string OpenApiDocument(const std::vector<Route>& routes, const std::string& version) {
+  const Json schemas = Json::parse(kOpenApiSchemas);
   Json paths = Json::object();
   for (const Route& route : routes) {
     std::string method = route.method;
     for (char& letter : method) letter = static_cast<char>(letter - 'A' + 'a');
-    paths[route.path][method] = Operation(route);
+    paths[route.path][method] = Operation(route, schemas);
   }
   const Json document = {
       {"openapi", "3.1.0"},
@@ -101,7 +107,7 @@ std::string OpenApiDocument(const std::vector<Route>& routes, const std::string&
          "page before."}}},
       {"servers", Json::array({{{"url", "http://localhost"}}})},
       {"paths", paths},
-      {"components", {{"schemas", Json::parse(kOpenApiSchemas)}}}};
+      {"components", {{"schemas", schemas}}}};
   return document.dump(1) + "\n";
 }
 

@@ -108,6 +108,7 @@ const char kOpenApiSchemas[] = R"json({
   "minimum": 0}, "problem": {"type": "string",
   "description": "Why it is not ready, and what to do"}, "temperature_deg_c": {"type": "number"},
   "ptp_offset_ns": {"type": "integer"}, "last_frame_id": {"type": "integer", "minimum": 0},
+  "last_frame_age_s": {"type": "number", "description": "Of the last complete frame"},
   "last_verdict": {"type": "string"}, "drift": {"$ref": "#/components/schemas/CameraDrift"}},
   "additionalProperties": false},
  "CameraList": {"type": "object", "required": ["items"], "properties": {"items": {"type": "array",
@@ -170,8 +171,6 @@ const char kOpenApiSchemas[] = R"json({
  "ReconstructionRequest": {"type": "object", "required": [],
   "properties": {"calibration": {"type": "string"}, "method": {"enum": ["tc-sfm", "plain"]},
   "pairs": {"enum": ["exhaustive", "neighbours"]}, "refine_intrinsics": {"type": "boolean"}},
-  "additionalProperties": false},
- "EmptyRequest": {"type": "object", "required": [], "properties": {},
   "additionalProperties": false}
 })json";
 

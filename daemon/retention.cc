@@ -18,6 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMaxDays = 36500;
+constexpr char kBelowReserve[] = "the disk has less room than the reserve";
 
 /// A job that has not ended names its captures by their ids in its body, or makes one.
 constexpr char kUnclaimed[] =
@@ -120,11 +121,13 @@ Status CheckDiskReserve(Store& store, uint64_t reserve_bytes) {
   if (room.free_bytes >= reserve_bytes) return {};
   char text[256];
   std::snprintf(text, sizeof(text),
-                "only %.2f GB are free on the disk and %.2f GB are kept in reserve: make room "
-                "(move captures away, or set a retention policy), then try again",
-                1e-9 * static_cast<double>(room.free_bytes),
+                "%s: %.2f GB are free, %.2f GB are kept in reserve; make room (move captures away, "
+                "or set a retention policy), then try again",
+                kBelowReserve, 1e-9 * static_cast<double>(room.free_bytes),
                 1e-9 * static_cast<double>(reserve_bytes));
   return Error{ErrorCode::kIo, text, room.folder.string()};
 }
+
+bool IsBelowReserve(const Error& error) { return error.message.starts_with(kBelowReserve); }
 
 }  // namespace rotunda::daemon

@@ -30,5 +30,7 @@ Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPol
 /// kIo when less than `reserve_bytes` are free where one of the store's folders is; says where, how
 /// much is, and what to do.
 Status CheckDiskReserve(Store& store, uint64_t reserve_bytes);
+/// Whether that is what it says: not that the disk cannot be asked, nor another error.
+bool IsBelowReserve(const Error& error);
 
 }  // namespace rotunda::daemon

@@ -178,9 +178,11 @@ int Main(int argc, char** argv) {
       "--check-config", arguments.check_only,
       "Print everything that is wrong with the configuration and the files it names, a "
       "line each, and exit: 0 nothing, 1 something. A group that there is not is a warning");
-  app.add_option("--backup", arguments.backup,
-                 "Write a copy of the database to FILE, which must not exist, and exit; also while "
-                 "a daemon runs. Pictures and results are files: copy them with any program")
+  app.add_option(
+         "--backup", arguments.backup,
+         "Write a copy of the database to FILE, which must not exist and only its owner may "
+         "read, and exit; also while a daemon runs. Pictures and results are files: copy them with "
+         "any program")
       ->type_name("FILE")
       ->excludes(check);
   app.footer(

@@ -9,6 +9,7 @@
 #include <cctype>
 #include <cerrno>
 #include <cstdio>
+#include <cstdlib>
 #include <ctime>
 #include <iterator>
 #include <mutex>
@@ -17,8 +18,10 @@
 
 #include "daemon/migrations.h"
 #include "daemon/slow_look.h"
+#include "daemon/store_folder.h"
 #include "daemon/store_recovery.h"
 #include "daemon/store_sql.h"
+#include "sfm/core/durability.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -68,12 +71,6 @@ Result<DiskRoom> FindLeastRoom(const std::vector<fs::path>& folders) {
     if (!least || free_bytes < least->free_bytes) least = DiskRoom{folder, free_bytes};
   }
   return least.value();
-}
-
-Status MakeFolder(const fs::path& folder) {
-  std::error_code failed;
-  fs::create_directories(folder, failed);
-  return failed ? Status(Error{ErrorCode::kIo, failed.message(), folder.string()}) : Status();
 }
 
 Status AppendEvents(Database& database, const std::string& now, std::vector<EventRecord>& events) {
@@ -163,12 +160,18 @@ Store::~Store() = default;
 
 Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& events) {
   std::unique_ptr<Store> store(new Store(std::move(options), events));
-  for (const fs::path& folder : store->Folders()) ROTUNDA_RETURN_IF_ERROR(MakeFolder(folder));
+  const fs::path& state = store->options_.state_folder;
+  for (const fs::path& folder : store->Folders()) {
+    ROTUNDA_RETURN_IF_ERROR(MakeWritableFolder(folder));
+  }
+  for (const char* file : {kLockName, kDatabaseName}) {
+    ROTUNDA_RETURN_IF_ERROR(CheckWritableFile(state / file));
+  }
   ROTUNDA_RETURN_IF_ERROR(store->LockFolder());
   ROTUNDA_RETURN_IF_ERROR(store->OpenDatabase());
   Result<RecoveryReport> recovery = Recover(*store);
   if (!recovery) {
-    return AsDamaged(recovery.error(), store->options_.state_folder / kDatabaseName);
+    return AsDamaged(recovery.error(), state / kDatabaseName);
   }
   store->recovery_ = *std::move(recovery);
   // So that there is an answer for those who ask while the next look is under way.
@@ -285,6 +288,28 @@ Status Store::WriteTogether(const std::function<Status()>& many) {
   return {};
 }
 
+namespace {
+
+/// An empty file beside `file` that its owner alone may read, under a name that nobody else has.
+Result<fs::path> MakePrivateFile(const fs::path& file) {
+  std::string name = file.string() + ".XXXXXX";
+  const int fd = ::mkostemp(name.data(), O_CLOEXEC);  // 0600, O_EXCL
+  if (fd < 0) return Error{ErrorCode::kIo, std::generic_category().message(errno), file.string()};
+  ::close(fd);
+  return fs::path(name);
+}
+
+/// Puts the copy that was made under `partial` into place, durably.
+Status PutIntoPlace(const fs::path& partial, const fs::path& file) {
+  ROTUNDA_RETURN_IF_ERROR(MakeDurable(partial));
+  if (::rename(partial.c_str(), file.c_str()) != 0) {
+    return Error{ErrorCode::kIo, std::generic_category().message(errno), file.string()};
+  }
+  return MakeDurable(file.has_parent_path() ? file.parent_path() : ".", O_DIRECTORY);
+}
+
+}  // namespace
+
 Status BackUpStore(const fs::path& state_folder, const fs::path& file) {
   const fs::path source = state_folder / kDatabaseName;
   std::error_code ignored;
@@ -294,15 +319,11 @@ Status BackUpStore(const fs::path& state_folder, const fs::path& file) {
   if (fs::exists(file, ignored)) {
     return Error{ErrorCode::kAlreadyExists, "exists already", file.string()};
   }
-  fs::path partial = file;
-  partial += ".partial";
-  fs::remove(partial, ignored);
   ROTUNDA_ASSIGN_OR_RETURN(Database database, Database::Open(source, Database::Access::kReadOnly));
   ROTUNDA_RETURN_IF_ERROR(CheckSchema(database, SchemaSteps()));
+  ROTUNDA_ASSIGN_OR_RETURN(const fs::path partial, MakePrivateFile(file));
   Status status = database.CopyTo(partial);
-  if (status && ::rename(partial.c_str(), file.c_str()) != 0) {
-    status = Error{ErrorCode::kIo, std::generic_category().message(errno), file.string()};
-  }
+  if (status) status = PutIntoPlace(partial, file);
   if (!status) fs::remove(partial, ignored);
   return status;
 }

@@ -106,7 +106,8 @@ class Store {
 };
 
 /// A copy of the database of a state folder, whole and consistent, while a daemon uses it or not.
-/// `file` must not exist. Pictures and other files are not in it: copy the folders beside it.
+/// `file` must not exist; its owner alone may read it. Pictures and other files are not in it: copy
+/// the folders beside it.
 Status BackUpStore(const std::filesystem::path& state_folder, const std::filesystem::path& file);
 
 }  // namespace rotunda::daemon

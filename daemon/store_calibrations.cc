@@ -20,7 +20,6 @@ CalibrationRecord ReadRow(Statement& row) {
   CalibrationRecord calibration;
   calibration.id = row.Id();
   calibration.created_at = row.Text();
-  calibration.folder = "calibrations/" + calibration.id;
   calibration.source = row.Text();
   calibration.cameras = row.Count();
   calibration.rms_px = row.OptionalReal();

@@ -30,7 +30,6 @@ CaptureRecord ReadCapture(Statement& row) {
   capture.id = row.Id();
   capture.captured_at = row.Text();
   capture.subject = row.OptionalText();
-  capture.folder = "captures/" + capture.id;
   capture.ok_frames = row.Count();
   capture.frames = row.Count();
   capture.calibration = row.OptionalText();
@@ -109,6 +108,13 @@ Result<CaptureRecord> SelectCapture(Database& database, const std::string& id) {
                            ReadOne(row.Bind(id), ReadCapture));
   if (!capture) return NotFound("capture", id);
   return *std::move(capture);
+}
+
+Place PlaceOf(const CaptureRecord& capture) { return {capture.captured_at, capture.id}; }
+
+Result<Place> PlaceOfCapture(Database& database, const std::string& id) {
+  ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, SelectCapture(database, id));
+  return PlaceOf(capture);
 }
 
 /// Whether `file`, as InsertFrames() writes it, lies in the folder of its capture.
@@ -206,17 +212,20 @@ Result<Listing<CaptureRecord>> ListCaptures(Store& store, const Page& page) {
   Result<Listing<CaptureRecord>> listing = Listing<CaptureRecord>();
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
     std::string where;
-    std::optional<CaptureRecord> after;
+    Place after;
     if (!page.after.empty()) {
-      ROTUNDA_ASSIGN_OR_RETURN(after, SelectCapture(database, page.after));
+      ROTUNDA_ASSIGN_OR_RETURN(after, PlaceAfter(page.after, 2, [&](const std::string& id) {
+                                 return PlaceOfCapture(database, id);
+                               }));
       where = "WHERE (c.captured_at, c.id) < (?, ?) ";
     }
     Statement rows =
         database.Prepare(kSelect + where + "ORDER BY c.captured_at DESC, c.id DESC LIMIT ?");
-    if (after) rows.Bind(after->captured_at).Bind(after->id);
+    for (const std::string& value : after) rows.Bind(value);
     rows.Bind(uint64_t{page.limit + 1});
-    listing = ReadListing<CaptureRecord>(rows, page.limit, ReadCapture,
-                                         [](const CaptureRecord& capture) { return capture.id; });
+    listing = ReadListing<CaptureRecord>(
+        rows, page.limit, ReadCapture,
+        [](const CaptureRecord& capture) { return PlaceText(PlaceOf(capture)); });
     return Status();
   }));
   return listing;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -32,6 +33,16 @@ inline Error NotFound(const std::string& what, const std::string& id) {
 
 Status CheckPage(const Page& page);
 
+/// Where a list goes on: what the last item of a page has in the columns that the list is sorted
+/// by. Good also when the item is gone.
+using Place = std::vector<std::string>;
+/// As `next` of a listing, which is `after` of the next page.
+std::string PlaceText(const Place& place);
+/// What `after` says: a place of `columns` columns, or an item by its id, whose place `place_of`
+/// knows. kInvalidArgument: a place in another list.
+Result<Place> PlaceAfter(const std::string& after, size_t columns,
+                         const std::function<Result<Place>(const std::string& id)>& place_of);
+
 /// The one row of a query; nullopt: there is none.
 template <typename ReadRow>
 auto ReadOne(Statement& row, ReadRow read_row) -> Result<std::optional<decltype(read_row(row))>> {
@@ -41,16 +52,16 @@ auto ReadOne(Statement& row, ReadRow read_row) -> Result<std::optional<decltype(
   return record;
 }
 
-/// Reads the rows of a query that asked for one more than `limit`; `id_of` names an item for the
-/// next page.
-template <typename T, typename ReadRow, typename IdOf>
-Result<Listing<T>> ReadListing(Statement& rows, size_t limit, ReadRow read_row, IdOf id_of) {
+/// Reads the rows of a query that asked for one more than `limit`; `next_of` gives the `next` of a
+/// page that ends with the item.
+template <typename T, typename ReadRow, typename NextOf>
+Result<Listing<T>> ReadListing(Statement& rows, size_t limit, ReadRow read_row, NextOf next_of) {
   Listing<T> listing;
   while (rows.Step()) listing.items.push_back(read_row(rows));
   ROTUNDA_RETURN_IF_ERROR(rows.status());
   if (listing.items.size() > limit) {
     listing.items.pop_back();
-    listing.next = id_of(listing.items.back());
+    listing.next = next_of(listing.items.back());
   }
   return listing;
 }

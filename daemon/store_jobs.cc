@@ -107,6 +107,27 @@ Status CheckPage(const Page& page) {
       "limit"};
 }
 
+std::string PlaceText(const Place& place) {
+  std::string text;
+  for (const std::string& value : place) text += (text.empty() ? "" : ",") + value;
+  return text;
+}
+
+Result<Place> PlaceAfter(const std::string& after, size_t columns,
+                         const std::function<Result<Place>(const std::string& id)>& place_of) {
+  if (after.find(',') == std::string::npos) return place_of(after);
+  Place place;
+  std::string rest = after;  // times and ids have no comma; the last column may
+  for (size_t comma; place.size() + 1 < columns && (comma = rest.find(',')) != std::string::npos;) {
+    place.push_back(rest.substr(0, comma));
+    rest.erase(0, comma + 1);
+  }
+  place.push_back(rest);
+  if (place.size() == columns) return place;
+  return Error{ErrorCode::kInvalidArgument,
+               "is '" + after + "', expected `next` of a page of this list", "after"};
+}
+
 Result<JobRecord> AddJobRow(Database& database, const NewJob& job, const std::string& now,
                             std::vector<EventRecord>& events) {
   std::optional<std::string> key;

@@ -31,7 +31,6 @@ ReconstructionRecord ReadRow(Statement& row) {
   record.capture = row.Id();
   record.calibration = row.OptionalText();
   record.created_at = row.Text();
-  record.folder = "reconstructions/" + record.id;
   record.method = row.Text();
   record.registered = row.Count();
   record.of = row.Count();
@@ -68,6 +67,13 @@ Result<ReconstructionRecord> Select(Database& database, const std::string& id) {
                            ReadOne(row.Bind(id), ReadRow));
   if (!record) return NotFound("reconstruction", id);
   return *std::move(record);
+}
+
+Place PlaceOf(const ReconstructionRecord& record) { return {record.created_at, record.id}; }
+
+Result<Place> PlaceOfReconstruction(Database& database, const std::string& id) {
+  ROTUNDA_ASSIGN_OR_RETURN(const ReconstructionRecord record, Select(database, id));
+  return PlaceOf(record);
 }
 
 ReconstructionRecord Describe(const std::string& id, const PoseSet& poses) {
@@ -191,14 +197,18 @@ Result<std::vector<UnregisteredCamera>> UnregisteredAgainst(Database& database,
   return cameras;
 }
 
-/// Where the camera's history stands that ends a page with this reconstruction.
-Result<DriftRecord> DriftIn(Database& database, const std::string& camera,
-                            const std::string& reconstruction) {
+Place PlaceOf(const DriftRecord& drift) {
+  return {drift.captured_at, drift.capture, drift.calibration};
+}
+
+/// Where a reconstruction stands in the camera's history.
+Result<Place> PlaceInHistory(Database& database, const std::string& camera,
+                             const std::string& reconstruction) {
   Statement row =
       database.Prepare(std::string(kSelectDrift) + "WHERE camera = ? AND reconstruction = ?");
   const bool found = row.Bind(camera).Bind(reconstruction).Step();
   ROTUNDA_RETURN_IF_ERROR(row.status());
-  if (found) return ReadDrift(row);
+  if (found) return PlaceOf(ReadDrift(row));
   return Error{
       ErrorCode::kNotFound,
       "camera \"" + camera + "\" was not compared in reconstruction \"" + reconstruction + "\"",
@@ -436,18 +446,21 @@ Result<Listing<ReconstructionRecord>> ListReconstructions(Store& store, const st
   Result<Listing<ReconstructionRecord>> listing = Listing<ReconstructionRecord>();
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
     std::string where = "WHERE capture = ? ";
-    std::optional<ReconstructionRecord> after;
+    Place after;
     if (!page.after.empty()) {
-      ROTUNDA_ASSIGN_OR_RETURN(after, Select(database, page.after));
+      ROTUNDA_ASSIGN_OR_RETURN(after, PlaceAfter(page.after, 2, [&](const std::string& id) {
+                                 return PlaceOfReconstruction(database, id);
+                               }));
       where += "AND (created_at, id) < (?, ?) ";
     }
     Statement rows =
         database.Prepare(kSelect + where + "ORDER BY created_at DESC, id DESC LIMIT ?");
     rows.Bind(capture);
-    if (after) rows.Bind(after->created_at).Bind(after->id);
+    for (const std::string& value : after) rows.Bind(value);
     rows.Bind(uint64_t{page.limit + 1});
     listing = ReadListing<ReconstructionRecord>(
-        rows, page.limit, ReadRow, [](const ReconstructionRecord& record) { return record.id; });
+        rows, page.limit, ReadRow,
+        [](const ReconstructionRecord& record) { return PlaceText(PlaceOf(record)); });
     return Status();
   }));
   return listing;
@@ -467,18 +480,21 @@ Result<Listing<DriftRecord>> DriftHistory(Store& store, const std::string& camer
   Result<Listing<DriftRecord>> listing = Listing<DriftRecord>();
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
     std::string where = "WHERE camera = ? ";
-    std::optional<DriftRecord> after;
+    Place after;
     if (!page.after.empty()) {
-      ROTUNDA_ASSIGN_OR_RETURN(after, DriftIn(database, camera, page.after));
+      ROTUNDA_ASSIGN_OR_RETURN(after, PlaceAfter(page.after, 3, [&](const std::string& id) {
+                                 return PlaceInHistory(database, camera, id);
+                               }));
       where += "AND (captured_at, capture, calibration) < (?, ?, ?) ";
     }
     Statement rows = database.Prepare(
         kSelectDrift + where + "ORDER BY captured_at DESC, capture DESC, calibration DESC LIMIT ?");
     rows.Bind(camera);
-    if (after) rows.Bind(after->captured_at).Bind(after->capture).Bind(after->calibration);
+    for (const std::string& value : after) rows.Bind(value);
     rows.Bind(uint64_t{page.limit + 1});
-    listing = ReadListing<DriftRecord>(
-        rows, page.limit, ReadDrift, [](const DriftRecord& drift) { return drift.reconstruction; });
+    listing = ReadListing<DriftRecord>(rows, page.limit, ReadDrift, [](const DriftRecord& drift) {
+      return PlaceText(PlaceOf(drift));
+    });
     return Status();
   }));
   return listing;

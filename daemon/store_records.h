@@ -11,8 +11,8 @@ namespace rotunda::daemon {
 /// What the daemon keeps in its database, as plain values. Times are RFC 3339 in UTC with
 /// milliseconds; paths are relative to the state folder.
 
-/// Which part of a list, newest first: at most `limit` items after the one called `after` (an id,
-/// or a job's number as text); empty: from the first.
+/// Which part of a list, newest first: at most `limit` items after `after`: `next` of the page
+/// before, or the id of an item that is there; empty: from the first.
 struct Page {
   size_t limit = 50;
   std::string after;
@@ -30,7 +30,6 @@ struct CaptureRecord {
   std::string id;
   std::string captured_at;
   std::optional<std::string> subject;
-  std::string folder;      // "captures/<id>"
   uint64_t ok_frames = 0;  // frames whose status is "ok"
   uint64_t frames = 0;
   std::optional<std::string> calibration;  // in force when it was taken
@@ -56,7 +55,6 @@ struct FrameRecord {
 struct CalibrationRecord {
   std::string id;
   std::string created_at;
-  std::string folder;
   std::string source;  // "charuco", "sfm", "truth"
   uint64_t cameras = 0;
   std::optional<double> rms_px;
@@ -72,7 +70,6 @@ struct ReconstructionRecord {
   std::string capture;
   std::optional<std::string> calibration;  // its poses are compared with
   std::string created_at;
-  std::string folder;
   std::string method;
   uint64_t registered = 0;
   uint64_t of = 0;

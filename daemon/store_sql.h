@@ -88,7 +88,7 @@ class Database {
   /// The one number of a one-row query.
   Result<int64_t> Number(const std::string& sql);
   int64_t LastInsertedRow() const;
-  /// Pages of the database, copied to a new file.
+  /// Pages of the database, copied to a file that is new or empty.
   Status CopyTo(const std::filesystem::path& file);
 
   const std::string& name() const { return name_; }

@@ -72,6 +72,11 @@ const char* ConditionName(const CameraState& state) {
   return "";
 }
 
+std::optional<double> LastFrameAge_s(const CameraState& state) {
+  if (!state.last_frame_at) return std::nullopt;
+  return std::chrono::duration<double>(Camera::Clock::now() - *state.last_frame_at).count();
+}
+
 bool PulseTask::closed() const {
   const std::lock_guard lock(mutex_);
   return closed_;

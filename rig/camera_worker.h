@@ -42,6 +42,8 @@ struct CameraState {
 };
 /// "opening", "ready", else what it is instead: "disconnected", "wrong camera", "control lost", ...
 const char* ConditionName(const CameraState& state);
+/// How long ago its last complete frame came, seconds; nullopt: none has.
+std::optional<double> LastFrameAge_s(const CameraState& state);
 
 /// What all workers of one pulse share. The session makes it, every worker that takes part holds
 /// it: one whose camera hangs may come back to it when the session has long gone on.

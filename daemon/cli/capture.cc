@@ -12,9 +12,11 @@
 #include <utility>
 
 #include "config/capture_config.h"
+#include "daemon/api_json.h"
 #include "daemon/capture_job.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/daemon_commands.h"
+#include "daemon/cli/daemon_tables.h"
 #include "daemon/cli/serve_cameras.h"
 #include "daemon/cli/terminal.h"
 #include "rig/aravis_camera.h"
@@ -290,38 +292,6 @@ Result<rig::Shot> Capture(const CaptureArguments& arguments, const CommonOptions
   return facts;
 }
 
-std::optional<double> FrameAge_s(const rig::CameraState& state) {
-  if (!state.last_frame_at) return std::nullopt;
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - *state.last_frame_at)
-      .count();
-}
-
-Json StateJson(const rig::CameraState& state) {
-  Json row = {{"camera", state.camera},
-              {"condition", rig::ConditionName(state)},
-              {"address", state.identity.address},
-              {"serial", state.identity.serial},
-              {"vendor", state.identity.vendor},
-              {"model", state.identity.model},
-              {"firmware", state.identity.firmware},
-              {"control_held", state.health.control_held},
-              {"width", state.settings.width_px},
-              {"height", state.settings.height_px},
-              {"pixel_format", state.settings.pixel_format},
-              {"exposure_us", state.settings.exposure_us},
-              {"gain_db", state.settings.gain_db},
-              {"packet_size_bytes", state.settings.packet_size_bytes},
-              {"packet_delay_ns", state.settings.packet_delay_ns},
-              {"resent_packets", state.counters.resent_packets},
-              {"missing_packets", state.counters.missing_packets}};
-  if (!state.problem.empty()) row["problem"] = state.problem;
-  if (state.health.temperature_deg_c) row["temperature_deg_c"] = *state.health.temperature_deg_c;
-  if (state.health.ptp_offset_ns) row["ptp_offset_ns"] = *state.health.ptp_offset_ns;
-  if (state.last_frame_id) row["last_frame_id"] = *state.last_frame_id;
-  if (const auto age_s = FrameAge_s(state)) row["last_frame_age_s"] = *age_s;
-  return row;
-}
-
 /// What is wrong with whom, a problem that several cameras share said once.
 std::vector<std::string> ProblemsOf(const std::vector<rig::CameraState>& states) {
   std::vector<rig::Complaint> complaints;
@@ -341,7 +311,7 @@ void PrintStates(const std::vector<rig::CameraState>& states,
     char degrees[16] = "-";
     if (temperature) std::snprintf(degrees, sizeof(degrees), "%.1f C", *temperature);
     char last_frame[48] = "-";
-    if (const auto age_s = FrameAge_s(state)) {
+    if (const auto age_s = rig::LastFrameAge_s(state)) {
       std::snprintf(last_frame, sizeof(last_frame), "%llu, %.1f s ago",
                     static_cast<unsigned long long>(*state.last_frame_id), *age_s);
     }
@@ -359,6 +329,19 @@ void PrintStates(const std::vector<rig::CameraState>& states,
   }
 }
 
+/// As the daemon lists its cameras, and those on the network that are not in the configuration.
+Json CamerasJson(const std::vector<rig::CameraState>& states,
+                 const std::vector<rig::CameraIdentity>& unused) {
+  Json others = Json::array();
+  for (const rig::CameraIdentity& camera : unused) {
+    others.push_back({{"address", camera.address},
+                      {"serial", camera.serial},
+                      {"vendor", camera.vendor},
+                      {"model", camera.model}});
+  }
+  return {{"items", daemon::ItemsJson(states)}, {"not_in_configuration", std::move(others)}};
+}
+
 Status ListCameras(const CaptureArguments& arguments, const CommonOptions& common) {
   ROTUNDA_ASSIGN_OR_RETURN(const rig::CaptureOptions options,
                            config::ReadCaptureOptions(arguments.rig));
@@ -369,24 +352,11 @@ Status ListCameras(const CaptureArguments& arguments, const CommonOptions& commo
   ROTUNDA_RETURN_IF_ERROR(WaitForCameras(*session, common));
   const std::vector<rig::CameraState> states = session->States();
   const rig::CameraMatch match = rig::MatchCameras(options.cameras, found);
-  if (common.json) {
-    Json result = {{"cameras", Json::array()}, {"not_in_configuration", Json::array()}};
-    for (const rig::CameraState& state : states) result["cameras"].push_back(StateJson(state));
-    for (const rig::CameraIdentity& camera : match.unused) {
-      result["not_in_configuration"].push_back({{"address", camera.address},
-                                                {"serial", camera.serial},
-                                                {"vendor", camera.vendor},
-                                                {"model", camera.model}});
-    }
-    std::printf("%s\n", result.dump(1).c_str());
-  } else {
-    PrintStates(states, match.unused);
-  }
-  size_t ready = 0;
-  for (const rig::CameraState& state : states) {
-    ready += state.condition == rig::CameraCondition::kReady;
-  }
-  if (ready == states.size()) return {};
+  common.json ? PrintJson(CamerasJson(states, match.unused)) : PrintStates(states, match.unused);
+  const auto ready = std::count_if(states.begin(), states.end(), [](const rig::CameraState& state) {
+    return state.condition == rig::CameraCondition::kReady;
+  });
+  if (static_cast<size_t>(ready) == states.size()) return {};
   return Error{ErrorCode::kFailed,
                std::to_string(ready) + " of " + std::to_string(states.size()) + " are ready",
                "cameras"};

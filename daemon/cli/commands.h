@@ -32,6 +32,7 @@ void AddStatus(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddJobs(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddCaptures(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen);
+void AddDrift(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddEvents(CLI::App& app, CommonOptions& common, Action& chosen);
 
 /// A sub-command with --json, --threads and an example under its help.

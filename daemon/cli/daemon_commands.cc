@@ -28,7 +28,8 @@ constexpr auto kReturnPollInterval = std::chrono::milliseconds(200);
 /// What a list or one thing is asked with.
 struct QueryArguments {
   fs::path socket = kDefaultSocket;
-  std::string id;  // empty: the list
+  std::string id;     // empty: the list
+  std::string after;  // `next` of the page before; empty: the newest
   int limit = 20;
 };
 
@@ -76,23 +77,39 @@ Result<Json> RunJob(const ApiClient& client, const std::string& target, const Js
   return FollowJob(client, job, common);
 }
 
-/// A command with --socket and, if `what` is not empty, an id to look at and --limit.
+/// Which page of a list.
+void AddPageOptions(CLI::App* command, QueryArguments& query) {
+  command->add_option("--limit", query.limit, "How many to list, the newest first")
+      ->check(CLI::Range(1, 500))
+      ->capture_default_str();
+  command
+      ->add_option("--after", query.after,
+                   "List older ones: those after this, as the list before says")
+      ->type_name("NEXT");
+}
+
+/// A command with --socket and, if `words` has a name for it, an id to look at and the options of a
+/// list.
 CLI::App* AddQuery(CLI::App& app, CommonOptions& common, QueryArguments& query,
                    const std::vector<std::string>& words) {
   CLI::App* command = AddCommand(app, common, words[0], words[1], words[2]);
   AddSocketOption(command, query.socket);
   if (words.size() > 3) {
     command->add_option(words[3], query.id, "Show this one instead of the list");
-    command->add_option("--limit", query.limit, "How many to list, the newest first")
-        ->check(CLI::Range(1, 500))
-        ->capture_default_str();
+    AddPageOptions(command, query);
+    command->get_option("--after")->excludes(words[3]);
   }
   return command;
 }
 
+/// What follows the path of a list.
+std::string PageQuery(const QueryArguments& query) {
+  return "?limit=" + std::to_string(query.limit) +
+         (query.after.empty() ? "" : "&after=" + PercentEncoded(query.after));
+}
+
 std::string ListTarget(const std::string& path, const QueryArguments& query) {
-  return query.id.empty() ? path + "?limit=" + std::to_string(query.limit)
-                          : path + "/" + PercentEncoded(query.id);
+  return path + (query.id.empty() ? PageQuery(query) : "/" + PercentEncoded(query.id));
 }
 
 /// Of a reconstruction that is asked for; empty fields are left to the daemon.
@@ -357,6 +374,29 @@ void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen) {
       const std::string target = ListTarget("/v1/calibrations", *query);
       return Show(*activate ? client.Post(target + "/activate", nullptr) : client.Get(target),
                   common, query->id.empty() ? PrintCalibrations : PrintFields);
+    };
+  });
+}
+
+void AddDrift(CLI::App& app, CommonOptions& common, Action& chosen) {
+  auto query = std::make_shared<QueryArguments>();
+  CLI::App* command = AddQuery(
+      app, common, *query,
+      {"drift",
+       "Tell how far cameras are from where the calibration in force has them, of each the newest "
+       "that is known, or the history of one.",
+       "rotunda drift\n  rotunda drift c07r2"});
+  command->add_option("CAMERA", query->id, "Show its history, the newest first");
+  AddPageOptions(command, *query);
+  command->get_option("--limit")->needs("CAMERA");
+  command->get_option("--after")->needs("CAMERA");
+  command->callback([query, &common, &chosen] {
+    chosen = [query, &common] {
+      const bool is_one = !query->id.empty();
+      const std::string target =
+          "/v1/drift" + (is_one ? PageQuery(*query) + "&camera=" + PercentEncoded(query->id) : "");
+      return Show(ApiClient(query->socket, common.stop).Get(target), common,
+                  is_one ? PrintDriftHistory : PrintDrift);
     };
   });
 }

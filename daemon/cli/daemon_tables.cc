@@ -59,6 +59,14 @@ Json WithPlace(Json job) {
   return job;
 }
 
+/// A page of a list, and how to see the next one.
+void PrintPage(const Json& page, const std::vector<Column>& columns) {
+  PrintTable(page["items"], columns);
+  if (page.contains("next")) {
+    std::printf("older ones: the same with --after %s\n", FieldText(page, "next").c_str());
+  }
+}
+
 /// What has become of a capture's pictures.
 std::string VerdictText(const Json& capture) {
   if (capture.contains("verdict")) return FieldText(capture, "verdict");
@@ -156,9 +164,9 @@ void PrintJob(const Json& job) {
 }
 
 void PrintJobs(const Json& page) {
-  Json rows = page["items"];
-  for (Json& row : rows) row = WithPlace(row);
-  PrintTable(rows, {{"job", "id"},
+  Json shown = page;
+  for (Json& row : shown["items"]) row = WithPlace(row);
+  PrintPage(shown, {{"job", "id"},
                     {"kind", "kind"},
                     {"state", "state"},
                     {"created", "created_at"},
@@ -191,21 +199,48 @@ void PrintCapture(const Json& capture) {
 }
 
 void PrintCaptures(const Json& page) {
-  PrintTable(page["items"], {{"capture", "id"},
-                             {"captured", "captured_at"},
-                             {"subject", "subject"},
-                             {"ok", "ok"},
-                             {"of", "of"},
-                             {"verdict", "verdict"}});
+  PrintPage(page, {{"capture", "id"},
+                   {"captured", "captured_at"},
+                   {"subject", "subject"},
+                   {"ok", "ok"},
+                   {"of", "of"},
+                   {"verdict", "verdict"}});
 }
 
 void PrintCalibrations(const Json& page) {
-  PrintTable(page["items"], {{"calibration", "id"},
-                             {"created", "created_at"},
-                             {"cameras", "cameras"},
-                             {"rms px", "rms_px"},
-                             {"held out px", "held_out_rms_px"},
-                             {"in force", "active"}});
+  PrintPage(page, {{"calibration", "id"},
+                   {"created", "created_at"},
+                   {"cameras", "cameras"},
+                   {"rms px", "rms_px"},
+                   {"held out px", "held_out_rms_px"},
+                   {"in force", "active"}});
+}
+
+void PrintDrift(const Json& drift) {
+  PrintTable(drift["cameras"], {{"camera", "camera"},
+                                {"moved", "moved"},
+                                {"off mm", "position_mm"},
+                                {"sigma mm", "position_sigma_mm"},
+                                {"off deg", "rotation_deg"},
+                                {"sigma deg", "rotation_sigma_deg"},
+                                {"beyond in a row", "beyond_in_a_row"},
+                                {"of", "captures"},
+                                {"stands for", "swapped_with"},
+                                {"newest capture", "capture"}});
+  std::printf("calibration in force: %s\n",
+              drift.contains("calibration") ? FieldText(drift, "calibration").c_str() : "none");
+}
+
+void PrintDriftHistory(const Json& page) {
+  PrintPage(page, {{"captured", "captured_at"},
+                   {"capture", "capture"},
+                   {"calibration", "calibration"},
+                   {"off mm", "position_mm"},
+                   {"sigma mm", "position_sigma_mm"},
+                   {"off deg", "rotation_deg"},
+                   {"sigma deg", "rotation_sigma_deg"},
+                   {"beyond", "beyond_limit"},
+                   {"stands for", "swapped_with"}});
 }
 
 void PrintEvent(const Json& event) {

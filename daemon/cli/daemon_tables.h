@@ -31,6 +31,10 @@ void PrintJobs(const nlohmann::ordered_json& page);
 void PrintCapture(const nlohmann::ordered_json& capture);
 void PrintCaptures(const nlohmann::ordered_json& page);
 void PrintCalibrations(const nlohmann::ordered_json& page);
+/// Of each camera the newest that is known.
+void PrintDrift(const nlohmann::ordered_json& drift);
+/// Of one camera.
+void PrintDriftHistory(const nlohmann::ordered_json& page);
 void PrintEvent(const nlohmann::ordered_json& event);
 
 }  // namespace rotunda::cli

@@ -69,6 +69,7 @@ int Main(int argc, char** argv) {
   AddJobs(app, common, chosen);
   AddCaptures(app, common, chosen);
   AddCalibrations(app, common, chosen);
+  AddDrift(app, common, chosen);
   AddEvents(app, common, chosen);
   try {
     app.parse(argc, argv);

@@ -1,8 +1,12 @@
-# Tab completion of `rotunda` for bash. Words come from its own help, ids from the daemon when it serves.
+# Tab completion of `rotunda` for bash. Words come from its own help, ids and cameras from the daemon when it serves.
 
 _rotunda_ids() {  # LIST [OPTION...]: ids that the daemon has, the newest 500
   timeout 2 rotunda "$@" --limit 500 --json 2>/dev/null |
     sed -n 's/^ *"id": "\{0,1\}\([^",]*\)"\{0,1\},\{0,1\}$/\1/p'
+}
+
+_rotunda_cameras() {  # [OPTION...]: names of the daemon's cameras
+  timeout 2 rotunda cameras "$@" --json 2>/dev/null | sed -n 's/^ *"camera": "\([^"]*\)",\{0,1\}$/\1/p' | sort -u
 }
 
 _rotunda_commands() {  # of a help text
@@ -50,6 +54,7 @@ _rotunda() {
   elif [ -z "$type" ]; then
     case ${command[0]} in
       captures | calibrations | jobs) words=$(_rotunda_ids "${command[0]}" "${socket[@]}") ;;
+      drift) words=$(_rotunda_cameras "${socket[@]}") ;;
     esac
   fi
   mapfile -t COMPREPLY < <(compgen -W "$words" -- "$word")

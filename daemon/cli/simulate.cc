@@ -89,30 +89,14 @@ void AddMovedOption(CLI::App* command, const std::string& name, const char* type
       ->type_name(type);
 }
 
-}  // namespace
-
-void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
-  auto arguments = std::make_shared<SimulateArguments>();
-  sim::SimulateOptions& options = arguments->options;
-  CLI::App* command = AddCommand(
-      app, common, "simulate",
-      "Render what the cameras of a rig would take of a person, as a frame set with truth.json "
-      "(the exact cameras) and calibration.json (as a calibration of the rig would have them). Or "
-      "be "
-      "those cameras: with --serve, GigE Vision devices that any GigE Vision software can use.",
-      "rotunda simulate capture --texture twin --relief symmetric --seed 7\n"
-      "  rotunda simulate --serve capture      (in another terminal: arv-viewer-0.8)\n"
-      "  rotunda simulate --send fault c03r1 drop 0.05\n"
-      "  rotunda simulate --send pulse");
-  CLI::Option* out = command->add_option(
-      "OUT", arguments->out, "Folder to make, in one that exists; if it is there it must be empty");
-  command->add_option("--rig", arguments->rig, "Rig to simulate; default: config/rig-90.toml's")
-      ->type_name("FILE");
+/// What stands in the rig when it is the calibration target.
+void AddTargetOptions(CLI::App* command, SimulateArguments& arguments) {
+  sim::SimulateOptions& options = arguments.options;
   AddChoice<sim::Target>(command, "--target", options.target,
                          "What stands in the rig: body (default) or the ChArUco cuboid",
                          {{"body", sim::Target::kBody}, {"cuboid", sim::Target::kCuboid}});
   command
-      ->add_option("--board", arguments->board,
+      ->add_option("--board", arguments.board,
                    "With the target cuboid: a board file; default: config/cuboid.toml's")
       ->type_name("FILE");
   command
@@ -128,10 +112,13 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->capture_default_str();
   command
       ->add_option(
-          "--placements", arguments->placements,
+          "--placements", arguments.placements,
           "With the target cuboid: write that many frame sets, OUT/placement_00 and so on, "
           "for a calibration")
       ->check(CLI::Range(1, 10000));
+}
+
+void AddBodyOptions(CLI::App* command, sim::SimulateOptions& options) {
   command->add_option("--body", options.body, "With the target body: procedural, or an .obj file")
       ->capture_default_str()
       ->type_name("procedural|FILE.obj");
@@ -158,6 +145,9 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       {{"studio", sim::Background::kStudio}, {"plain", sim::Background::kPlain}});
   command->add_option("--height", options.height_m, "Height of the body in metres, 0.8 to 2.2")
       ->capture_default_str();
+}
+
+void AddCameraOptions(CLI::App* command, sim::SimulateOptions& options) {
   AddSeed(command, options.seed, "Seed of cameras, body, garment and noise");
   command
       ->add_option("--cameras", options.cameras,
@@ -179,6 +169,29 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Turn a camera so many degrees to its right after the rig was calibrated. Once for "
       "each camera",
       &sim::MovedCamera::turn_deg, options);
+}
+
+}  // namespace
+
+void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
+  auto arguments = std::make_shared<SimulateArguments>();
+  CLI::App* command = AddCommand(
+      app, common, "simulate",
+      "Render what the cameras of a rig would take of a person, as a frame set with truth.json "
+      "(the exact cameras) and calibration.json (as a calibration of the rig would have them). Or "
+      "be "
+      "those cameras: with --serve, GigE Vision devices that any GigE Vision software can use.",
+      "rotunda simulate capture --texture twin --relief symmetric --seed 7\n"
+      "  rotunda simulate --serve capture      (in another terminal: arv-viewer-0.8)\n"
+      "  rotunda simulate --send fault c03r1 drop 0.05\n"
+      "  rotunda simulate --send pulse");
+  CLI::Option* out = command->add_option(
+      "OUT", arguments->out, "Folder to make, in one that exists; if it is there it must be empty");
+  command->add_option("--rig", arguments->rig, "Rig to simulate; default: config/rig-90.toml's")
+      ->type_name("FILE");
+  AddTargetOptions(command, *arguments);
+  AddBodyOptions(command, arguments->options);
+  AddCameraOptions(command, arguments->options);
   AddServeOptions(command, arguments->serve);
   command->callback([arguments, out, &common, &chosen] {
     const int tasks = static_cast<int>(out->count() > 0) +

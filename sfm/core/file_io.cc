@@ -10,6 +10,8 @@
 #include <system_error>
 #include <utility>
 
+#include "sfm/core/durability.h"
+
 namespace rotunda {
 namespace {
 
@@ -57,18 +59,6 @@ Status WriteAll(const Descriptor& file, std::string_view bytes, const fs::path& 
   return {};
 }
 
-/// Makes what `path` names (a file or a folder) durable.
-Status Sync(const fs::path& path, int flags) {
-  Descriptor descriptor(::open(path.c_str(), O_RDONLY | O_CLOEXEC | flags));
-  if (!descriptor.ok()) return WriteError("cannot open to make durable", errno, path);
-  // Some file systems have no fsync for folders and say EINVAL.
-  if (::fsync(descriptor.get()) != 0 && errno != EINVAL) {
-    return WriteError("cannot make durable", errno, path);
-  }
-  if (descriptor.Close() != 0) return WriteError("cannot close", errno, path);
-  return {};
-}
-
 fs::path ParentOf(const fs::path& path) {
   return path.has_parent_path() ? path.parent_path() : fs::path(".");
 }
@@ -102,11 +92,11 @@ Status SyncTree(const fs::path& folder) {
        entry.increment(error)) {
     const fs::file_status status = entry->symlink_status(error);
     if (error) break;
-    if (fs::is_directory(status)) ROTUNDA_RETURN_IF_ERROR(Sync(entry->path(), O_DIRECTORY));
-    if (fs::is_regular_file(status)) ROTUNDA_RETURN_IF_ERROR(Sync(entry->path(), 0));
+    if (fs::is_directory(status)) ROTUNDA_RETURN_IF_ERROR(MakeDurable(entry->path(), O_DIRECTORY));
+    if (fs::is_regular_file(status)) ROTUNDA_RETURN_IF_ERROR(MakeDurable(entry->path()));
   }
   if (error) return WriteError("cannot list", error.value(), folder);
-  return Sync(folder, O_DIRECTORY);
+  return MakeDurable(folder, O_DIRECTORY);
 }
 
 /// Whether something can be made at `place`, as far as its folder is concerned; `target` is what
@@ -172,7 +162,7 @@ Status WriteFileAtomically(const fs::path& file, std::string_view bytes) {
     ::unlink(temporary.c_str());
     return status;
   }
-  return Sync(ParentOf(file), O_DIRECTORY);
+  return MakeDurable(ParentOf(file), O_DIRECTORY);
 }
 
 OutputFolder::OutputFolder(fs::path target, fs::path temporary)
@@ -262,7 +252,7 @@ Status OutputFolder::Commit() {
     return WriteError("cannot put into place", errno, target_);
   }
   // What is not durable is taken back: whoever tries again finds the place as it was.
-  const Status synced = Sync(ParentOf(target_), O_DIRECTORY);
+  const Status synced = MakeDurable(ParentOf(target_), O_DIRECTORY);
   if (!synced.ok() && ::rename(target_.c_str(), temporary_.c_str()) == 0) return synced;
   temporary_.clear();
   return synced;

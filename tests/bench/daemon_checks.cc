@@ -105,6 +105,12 @@ std::string CountsText(const std::map<std::string, size_t>& counts) {
   return text.empty() ? "none" : text;
 }
 
+double Quantile(std::vector<double> values, double part) {
+  const auto rank = static_cast<ptrdiff_t>(part * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + rank, values.end());
+  return values[static_cast<size_t>(rank)];
+}
+
 void Render(const std::string& command, const fs::path& out, std::vector<std::string> words) {
   words.insert(words.begin(), {command, "simulate", out});
   const auto outcome = test::RunProcess(words);

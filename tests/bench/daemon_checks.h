@@ -19,6 +19,9 @@ namespace rotunda::bench {
 /// Throws std::runtime_error with `what`.
 void Require(bool fine, const std::string& what);
 
+/// The value that a `part` of the values, 0 to 1, does not exceed; there is at least one.
+double Quantile(std::vector<double> values, double part);
+
 /// `rotunda simulate OUT WORDS`; throws when it fails.
 void Render(const std::string& command, const std::filesystem::path& out,
             std::vector<std::string> words);

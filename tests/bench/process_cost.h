@@ -50,5 +50,8 @@ T Must(Result<T> result) {
   if (!result) throw std::runtime_error(result.error().ToString());
   return std::move(*result);
 }
+inline void Must(const Status& status) {
+  if (!status) throw std::runtime_error(status.error().ToString());
+}
 
 }  // namespace rotunda

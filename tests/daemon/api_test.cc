@@ -18,6 +18,7 @@
 #include "config/daemon_config.h"
 #include "daemon/model_export.h"
 #include "daemon/openapi.h"
+#include "daemon/retention.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
 #include "daemon/store_reconstructions.h"
@@ -28,6 +29,7 @@
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/process.h"
+#include "tests/support/simulated_rig.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -85,10 +87,10 @@ JobHandler HandlerThatTakesAll() {
   return handler;
 }
 
-/// As when the disk is full.
-JobHandler HandlerThatTakesNothing() {
+/// Takes new jobs when `room` is fine.
+JobHandler HandlerThatNeedsRoom(const Status& room) {
   JobHandler handler = HandlerThatTakesAll();
-  handler.admit = [] { return Status(Error{ErrorCode::kIo, "is full", "disk"}); };
+  handler.admit = [&room] { return room; };
   return handler;
 }
 
@@ -97,11 +99,14 @@ class Api : public testing::Test {
   Api() : station_(CaptureStation::Options()) {
     jobs_ = std::make_unique<JobQueue>(
         state_.store(),
-        JobHandlers{HandlerThatTakesAll(), HandlerThatTakesNothing(), HandlerThatTakesAll()},
+        JobHandlers{HandlerThatTakesAll(), HandlerThatNeedsRoom(room_), HandlerThatTakesAll()},
         JobQueue::Options());
+    ServeCamerasOf(station_);
+  }
+  void ServeCamerasOf(CaptureStation& station) {
     const ApiParts parts{state_.store(),
                          *jobs_,
-                         station_,
+                         station,
                          "1.2.3",
                          state_.store().Now(),
                          [] { return uint64_t{0}; },
@@ -155,6 +160,7 @@ class Api : public testing::Test {
   }
 
   test::DaemonState state_;
+  Status room_ = CheckDiskReserve("/", uint64_t{1} << 60);  // for calibrations
   CaptureStation station_;
   std::unique_ptr<JobQueue> jobs_;
   std::unique_ptr<Router> router_;
@@ -198,6 +204,34 @@ TEST_F(Api, TheDocumentHasEveryRouteAndTheRouterEveryOperation) {
   EXPECT_GE(in_table.size(), 25u);
 }
 
+/// Names of the schemas that `value` refers to.
+void CollectReferences(const Json& value, std::set<std::string>& names) {
+  constexpr std::string_view kPrefix = "#/components/schemas/";
+  for (const auto& [key, part] : value.items()) {
+    if (key == "$ref") names.insert(part.get<std::string>().substr(kPrefix.size()));
+    if (part.is_structured()) CollectReferences(part, names);
+  }
+}
+
+TEST_F(Api, TheDocumentHasNoSchemaThatNothingRefersTo) {
+  const Json document = Document();
+  std::set<std::string> used = {"Event"};  // what a stream carries, which is no JSON itself
+  CollectReferences(document, used);
+  for (const auto& [name, schema] : document["components"]["schemas"].items()) {
+    EXPECT_TRUE(used.contains(name)) << name;
+  }
+}
+
+TEST_F(Api, TheDocumentSaysWhichRequestsTakeABody) {
+  const Json paths = Document()["paths"];
+  const auto needs_body = [&](const char* path) -> bool {
+    return paths[path]["post"]["requestBody"]["required"];
+  };
+  EXPECT_TRUE(needs_body("/v1/calibrations")) << "which captures?";
+  EXPECT_FALSE(needs_body("/v1/captures"));
+  EXPECT_FALSE(needs_body("/v1/captures/{capture}/reconstructions"));
+}
+
 TEST_F(Api, TheDocumentNamesEveryLensModel) {
   const Json document = Document();
   const Json& request = document["components"]["schemas"]["CalibrationRequest"];
@@ -206,13 +240,31 @@ TEST_F(Api, TheDocumentNamesEveryLensModel) {
   EXPECT_EQ(request["properties"]["model"]["enum"].get<std::set<std::string>>(), known);
 }
 
+/// A simulated camera that Fill() knows.
+test::SimulatedRig::Options OneCamera() {
+  test::SimulatedRig::Options options;
+  options.block = "127.62.4";
+  options.cameras = 1;
+  options.like.width_px = 64;
+  options.like.height_px = 48;
+  return options;
+}
+
 TEST_F(Api, EveryReadAnswersAsTheDocumentSays) {
   Fill();
+  test::SimulatedRig cameras(OneCamera());
+  cameras.capture().cameras[0].camera = "c0";
+  CaptureStation station({cameras.capture(), cameras.server().socket()});
+  ASSERT_TRUE(station.Open().ok());
+  ServeCamerasOf(station);
+  while (station.States()[0].condition != rig::CameraCondition::kReady) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
   ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
   const Json document = Document();
   const Json& schemas = document["components"]["schemas"];
   for (const Route& route : router_->routes()) {
-    if (route.method != "GET" || route.path.starts_with("/v1/cameras/")) continue;
+    if (route.method != "GET") continue;
     std::string target = WithIds(route.path);
     if (route.operation == "getExport") target += "?format=ply";
     const HttpResponse answer = Get(target);
@@ -403,6 +455,34 @@ TEST_F(ApiLists, AllThatCanGrowComeInPages) {
   EXPECT_EQ(Checked(Get(capture), "CaptureDetail")["reconstructions"].size(), 5u);
 }
 
+TEST_F(ApiLists, PagesGoOnWhenWhatTheyEndedWithIsGone) {
+  const std::string capture = "/v1/captures/" + std::string(kCapture);
+  const std::vector<std::pair<std::string, std::string>> lists = {
+      {"/v1/captures?limit=2", "DELETE FROM captures WHERE id = 'x4'"},
+      {capture + "/reconstructions?limit=2",
+       "DELETE FROM reconstructions WHERE id = '20260101T100000Z-r4'"},
+      {"/v1/drift?camera=c1&limit=2", "UPDATE drift SET reconstruction = 'x4-r2'"}};
+  for (const auto& [target, removal] : lists) {
+    const Json first = Json::parse(Get(target).body);
+    const Json second =
+        Json::parse(Get(target + "&after=" + first["next"].get<std::string>()).body);
+    ASSERT_EQ(second["items"].size(), 2u) << second;
+    ASSERT_TRUE(state_.store()
+                    .Write([&removal = removal](Database& database, auto&) {
+                      return database.Execute(removal);
+                    })
+                    .ok());
+    const HttpResponse later = Get(target + "&after=" + first["next"].get<std::string>());
+    ASSERT_EQ(later.status, 200) << target << later.body;
+    const Json items = Json::parse(later.body)["items"];
+    ASSERT_EQ(items.size(), 2u) << items;
+    const char* key = target.starts_with("/v1/drift") ? "capture" : "id";
+    for (size_t i = 0; i < 2; ++i) EXPECT_EQ(items[i][key], second["items"][i][key]) << target;
+  }
+  EXPECT_EQ(Get("/v1/drift?camera=c1&after=a,b").status, 400) << "a place in another list";
+  EXPECT_EQ(Get("/v1/captures?after=x5").status, 200) << "an id that is there";
+}
+
 TEST_F(Api, EveryRouteOfTheDesignIsServed) {
   std::set<std::string> served;
   for (const Route& route : router_->routes()) served.insert(route.method + " " + route.path);
@@ -452,7 +532,6 @@ TEST_F(Api, JobsAreQueuedOnceForAKey) {
 TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
   Fill();
   EXPECT_EQ(Call("POST", "/v1/captures", "{\"bad\":1}").status, 422);
-  EXPECT_EQ(Call("POST", "/v1/calibrations").status, 507);
   const std::string reconstruct = "/v1/captures/" + std::string(kCapture) + "/reconstructions";
   const HttpResponse good = Call("POST", reconstruct, "{\"method\":\"plain\"}");
   ASSERT_EQ(good.status, 202) << good.body;
@@ -468,6 +547,33 @@ TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
       Call("POST", "/v1/captures", "x", Role::kOperator, {{"content-type", "text/xml"}}).status,
       415);
   EXPECT_EQ(Call("GET", "/v1/status", "{}").status, 400) << "takes no body";
+}
+
+TEST_F(Api, MediaTypesAreComparedAsHttpSays) {
+  const auto post = [&](const std::string& type) {
+    return Call("POST", "/v1/captures", "{}", Role::kOperator, {{"content-type", type}}).status;
+  };
+  for (const char* fine : {"application/json", "application/JSON", "Application/Json",
+                           "application/json;charset=utf-8", "application/json ; charset=utf-8",
+                           "\tapplication/json\t", "", " ", "Application/X-WWW-Form-Urlencoded"}) {
+    EXPECT_EQ(post(fine), 202) << fine;
+  }
+  for (const char* other : {"text/json", "application/json2", "application json", "/", "xml"}) {
+    EXPECT_EQ(post(other), 415) << other;
+  }
+}
+
+TEST_F(Api, OnlyALackOfRoomIs507) {
+  const HttpResponse full = Call("POST", "/v1/calibrations");
+  EXPECT_EQ(full.status, 507);
+  EXPECT_NE(full.body.find("make room"), std::string::npos) << full.body;
+  room_ = Error{ErrorCode::kIo, "Input/output error", "disk"};
+  EXPECT_EQ(Call("POST", "/v1/calibrations").status, 503) << "it cannot be asked";
+  const auto drop = [](Database& database, auto&) { return database.Execute("DROP TABLE jobs"); };
+  ASSERT_TRUE(state_.store().Write(drop).ok());
+  const HttpResponse broken = Call("POST", "/v1/captures");
+  EXPECT_EQ(broken.status, 503);
+  EXPECT_NE(broken.body.find("no such table"), std::string::npos) << broken.body;
 }
 
 TEST_F(Api, AReconstructionAskedForTwiceIsTheSameJobAlsoWhenItsCaptureIsGone) {
@@ -553,7 +659,9 @@ TEST_F(Api, NoPathLeadsOutOfTheStateFolder) {
   EXPECT_EQ(Get("/v1/nothing").status, 404);
   const HttpResponse method = Call("PATCH", "/v1/captures");
   EXPECT_EQ(method.status, 405);
-  EXPECT_EQ(method.headers.at(0).second, "POST, GET");
+  EXPECT_EQ(method.headers.at(0).second, "POST, GET, HEAD");
+  EXPECT_EQ(Call("HEAD", "/v1/captures").status, 200) << "as GET; the server leaves the body out";
+  EXPECT_EQ(Call("HEAD", "/v1/calibrations/x/activate").status, 405);
 }
 
 TEST_F(Api, WhatIsNotThereIs404WithTheReason) {

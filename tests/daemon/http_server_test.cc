@@ -132,6 +132,34 @@ TEST_F(HttpServerTest, AnswersRequestsOneAfterTheOtherOnAConnection) {
   EXPECT_EQ(server_->counters().connections, 1u);
 }
 
+TEST_F(HttpServerTest, AnswersHeadWithTheHeaderAlone) {
+  std::ofstream(folder_ / "file") << "12345";
+  options_.handle = [file = folder_ / "file"](const HttpRequest& request) {
+    HttpResponse response;
+    response.body = "123";
+    if (request.target == "/file") response.file = file;
+    if (request.target == "/stream") response.stream = [] { return std::string("a\n\n"); };
+    if (request.target == "/none") response.status = 404;
+    HttpResponse later;
+    if (request.target == "/bulk") later.bulk = [response] { return response; };
+    return later.bulk ? later : response;
+  };
+  Start();
+  UnixConnection connection(Socket());
+  const std::vector<std::pair<std::string, std::string>> lengths = {
+      {"/", "3"}, {"/file", "5"}, {"/none", "3"}, {"/bulk", "3"}, {"/stream", ""}};
+  for (const auto& [target, length] : lengths) {
+    connection.Send("HEAD " + target + " HTTP/1.1\r\nHost: h\r\n\r\n");
+    const std::string head = connection.ReadUntil("\r\n\r\n");
+    EXPECT_EQ(head.starts_with("HTTP/1.1 404"), target == "/none") << head;
+    EXPECT_EQ(head.find("Content-Length: " + length + "\r\n") != std::string::npos, !length.empty())
+        << head;
+    // Whatever followed the header would be read as this answer's.
+    connection.Send(kGet);
+    EXPECT_EQ(ReadAnswer(connection).body, "123") << target;
+  }
+}
+
 TEST_F(HttpServerTest, KnowsWhoConnects) {
   options_.handle = [](const HttpRequest& request) {
     HttpResponse response;

@@ -143,10 +143,12 @@ TEST(DiskReserve, IsRefusedWithWhatToDo) {
   ASSERT_FALSE(full.ok());
   EXPECT_EQ(full.error().code, ErrorCode::kIo);
   EXPECT_NE(full.error().message.find("make room"), std::string::npos);
+  EXPECT_TRUE(IsBelowReserve(full.error()));
   const fs::path captures = state.folder() / "captures";
   fs::remove(captures);
   const Status gone = CheckDiskReserve(state.store(), 0);
   ASSERT_FALSE(gone.ok());
+  EXPECT_FALSE(IsBelowReserve(gone.error()));
   EXPECT_EQ(gone.error().context, captures);
 }
 

@@ -2,10 +2,18 @@
 
 #include <gtest/gtest.h>
 #include <sqlite3.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+#include <optional>
 #include <set>
+#include <thread>
+#include <utility>
+#include <vector>
 
 #include "daemon/events.h"
 #include "daemon/migrations.h"
@@ -14,6 +22,30 @@
 #include "daemon/store_events.h"
 #include "daemon/store_jobs.h"
 #include "tests/support/daemon_state.h"
+
+namespace {
+
+/// Looks at what is made durable while it lives; one at a time.
+struct SyncsSeen {
+  explicit SyncsSeen(std::filesystem::path of) : file(std::move(of)) { looking = this; }
+  ~SyncsSeen() { looking = nullptr; }
+  const std::filesystem::path file;
+  bool folder_once_there = false;  // the folder of `file`, when that had its name
+  static inline SyncsSeen* looking = nullptr;
+};
+
+}  // namespace
+
+extern "C" int fsync(int fd) {
+  std::error_code ignored;
+  if (SyncsSeen* const seen = SyncsSeen::looking; seen != nullptr) {
+    const auto synced =
+        std::filesystem::read_symlink("/proc/self/fd/" + std::to_string(fd), ignored);
+    seen->folder_once_there |=
+        synced == seen->file.parent_path() && std::filesystem::exists(seen->file, ignored);
+  }
+  return static_cast<int>(syscall(SYS_fsync, fd));
+}
 
 namespace rotunda::daemon {
 namespace {
@@ -71,13 +103,52 @@ TEST(Store, KeepsACaptureOverARestart) {
   ASSERT_TRUE(found.ok());
   EXPECT_EQ(found->captured_at, "2026-01-01T00:00:05.123Z");
   EXPECT_EQ(found->ok_frames, 3u);
-  EXPECT_EQ(found->folder, "captures/" + id);
   const auto frames = ListFrames(state.store(), id);
   ASSERT_TRUE(frames.ok());
   ASSERT_EQ(frames->size(), 3u);
   EXPECT_EQ((*frames)[2].file, "captures/" + id + "/frames/c2.png");
   EXPECT_EQ((*frames)[2].xxh3, "0123456789abcdef");
   EXPECT_NE(FreeCaptureId(state.store()).value(), id);
+}
+
+/// What the store says that this thread opens as a user who is nobody; of root as of others, who
+/// own what they make.
+std::string OpenedAsNobody(DaemonState& state) {
+  constexpr int kNobody = 65534;
+  std::string said;
+  std::jthread([&] {
+    if (::geteuid() == 0) {
+      // These, without libc, are of the calling thread alone.
+      EXPECT_EQ(syscall(SYS_setresgid, -1, kNobody, -1), 0);
+      EXPECT_EQ(syscall(SYS_setresuid, -1, kNobody, -1), 0);
+    }
+    const auto opened = state.TryOpen();
+    said = opened ? "nothing" : opened.error().ToString();
+  }).join();
+  return said;
+}
+
+TEST(Store, SaysWhoseAFolderOrFileIsThatItCannotWrite) {
+  DaemonState state;
+  state.Close();
+  const auto allow = [](const fs::path& place, unsigned bits) {
+    fs::permissions(place, fs::perms(bits));
+  };
+  allow(state.folder(), 0777);
+  for (const auto& entry : fs::directory_iterator(state.folder())) allow(entry, 0777);
+  EXPECT_EQ(OpenedAsNobody(state), "nothing");
+  for (const char* name :
+       {"", "captures", "calibrations", "reconstructions", "lock", "rotunda.db"}) {
+    const fs::path place = *name == '\0' ? state.folder() : state.folder() / name;
+    allow(place, 0555);
+    const std::string said = OpenedAsNobody(state);
+    allow(place, 0777);
+    EXPECT_TRUE(said.starts_with(place.string() + ": cannot be written: Permission denied; "))
+        << said;
+    EXPECT_NE(said.find(", mode 0555, "), std::string::npos) << said;
+    EXPECT_NE(said.find(": chown "), std::string::npos) << said;
+    EXPECT_EQ(said.find('\n'), std::string::npos) << said;
+  }
 }
 
 TEST(Store, SaysWhatIsNotThere) {
@@ -385,6 +456,43 @@ TEST(Store, MakesABackupWhileItIsUsed) {
   }
   fs::rename(copy, state.folder() / "rotunda.db");
   EXPECT_EQ(state.Reopen().recovery().adopted, std::vector<std::string>{"captures/b"});
+}
+
+TEST(Store, ABackupIsItsOwnersAloneAndDurable) {
+  DaemonState state;
+  const fs::path folder = state.folder() / "backups", copy = folder / "copy.db";
+  fs::create_directory(folder);
+  const mode_t before = umask(0);
+  SyncsSeen seen(copy);
+  const Status copied = BackUpStore(state.folder(), copy);
+  umask(before);
+  ASSERT_TRUE(copied.ok()) << copied.error().ToString();
+  EXPECT_EQ(fs::status(copy).permissions(), fs::perms::owner_read | fs::perms::owner_write);
+  EXPECT_TRUE(seen.folder_once_there) << "a power cut could take the name away";
+}
+
+TEST(Store, BackupsAtTheSameTimeDoNotDisturbEachOther) {
+  DaemonState state;
+  const fs::path folder = state.folder() / "backups", copy = folder / "copy.db";
+  fs::create_directory(folder);
+  std::vector<std::optional<Error>> refusals(8);
+  {
+    std::vector<std::jthread> threads;
+    for (auto& refusal : refusals) {
+      threads.emplace_back([&] {
+        const Status copied = BackUpStore(state.folder(), copy);
+        if (!copied) refusal = copied.error();
+      });
+    }
+  }
+  for (const auto& refusal : refusals) {
+    EXPECT_TRUE(!refusal || refusal->code == ErrorCode::kAlreadyExists) << refusal->ToString();
+  }
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder), fs::directory_iterator()), 1)
+      << "something was left";
+  auto database = Database::Open(copy, Database::Access::kReadOnly);
+  ASSERT_TRUE(database.ok());
+  EXPECT_EQ(database->Number("SELECT count(*) FROM captures").value(), 0);
 }
 
 TEST(StoreEvents, ComeInOrderAndCanBeResumed) {

@@ -68,9 +68,10 @@ SimulatedDaemon::SimulatedDaemon(Options options) : options_(std::move(options))
   }
 }
 
-std::unique_ptr<BackgroundProcess> SimulatedDaemon::Start() const {
+std::unique_ptr<BackgroundProcess> SimulatedDaemon::Start(
+    const std::map<std::string, std::string>& environment) const {
   return std::make_unique<BackgroundProcess>(BackgroundProcess::Options{
-      {options_.daemon, "--config", folder_ / "rotundad.toml"}, {}, {}, folder_ / "log"});
+      {options_.daemon, "--config", folder_ / "rotundad.toml"}, environment, {}, folder_ / "log"});
 }
 
 std::string SimulatedDaemon::Log() const {

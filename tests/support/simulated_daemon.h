@@ -3,6 +3,7 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -40,8 +41,9 @@ class SimulatedDaemon {
   std::filesystem::path State() const { return folder_ / "state"; }
   std::filesystem::path Socket() const { return folder_ / "api.sock"; }
 
-  /// Starts the daemon; does not wait for it.
-  std::unique_ptr<BackgroundProcess> Start() const;
+  /// Starts the daemon, with `environment` besides the test's own; does not wait for it.
+  std::unique_ptr<BackgroundProcess> Start(
+      const std::map<std::string, std::string>& environment = {}) const;
   std::string Log() const;  // of all daemons that were started
   /// `rotunda simulate --send WORDS`.
   void SendToCameras(std::vector<std::string> words) const;

@@ -367,7 +367,9 @@ TEST_F(CaptureCommand, ADiskThatDoesNotAnswerIsToldAndTheShotIsKept) {
 TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
   const ProcessOutcome all = RunRotunda({"cameras", "--rig", *folder_ / "rig.toml", "--json"});
   ASSERT_EQ(all.exit_code, 0) << all.errors;
-  const Json cameras = Json::parse(all.output).at("cameras");
+  const Json told = Json::parse(all.output);
+  EXPECT_TRUE(told.at("not_in_configuration").is_array());
+  const Json cameras = told.at("items");
   ASSERT_EQ(cameras.size(), 4u);
   EXPECT_EQ(cameras[0].at("condition"), "ready");
   EXPECT_EQ(cameras[0].at("address"), std::string(kBlock) + ".1");
@@ -397,7 +399,7 @@ TEST_F(CaptureCommand, CamerasTellsHowEachOneIs) {
 TEST_F(CaptureCommand, CamerasCallsAnotherSerialAWrongCamera) {
   const ProcessOutcome told = RunRotunda({"cameras", "--rig", *folder_ / "wrong.toml", "--json"});
   EXPECT_EQ(told.exit_code, 1);
-  const Json cameras = Json::parse(told.output).at("cameras");
+  const Json cameras = Json::parse(told.output).at("items");
   EXPECT_EQ(cameras[0].at("condition"), "ready");
   EXPECT_EQ(cameras[1].at("condition"), "wrong camera");
   EXPECT_TRUE(Contains(cameras[1].at("problem"), "serial OTHER expected at ")) << cameras[1];

@@ -183,10 +183,21 @@ class DaemonSystem : public testing::Test {
   void LookAtEvents();
   void LookAtTheRest();
   void CancelAndRunAgain();
-  void UseTheCommands();
+  void ShowByCommand();
+  void RefuseByCommand();
+  void FollowEventsByCommand();
+  void LoseACamera();
+  void CaptureByCommand();
   void BackUp();
   void Reload();
   void StopAndStartAgain();
+
+  /// `rotunda WORDS`, of this daemon.
+  static std::vector<std::string> Command(std::vector<std::string> words) {
+    words.insert(words.begin(), ROTUNDA_COMMAND);
+    words.insert(words.end(), {"--socket", daemon_->Socket()});
+    return words;
+  }
 
   std::unique_ptr<BackgroundProcess> events_;   // curl on the event stream
   std::string calibration_, capture_, newest_;  // ids
@@ -381,42 +392,53 @@ void DaemonSystem::CancelAndRunAgain() {
 }
 
 /// The commands show the same.
-void DaemonSystem::UseTheCommands() {
-  Daemon& daemon = *daemon_;
-  const auto command = [&](std::vector<std::string> words) {
-    words.insert(words.begin(), ROTUNDA_COMMAND);
-    words.insert(words.end(), {"--socket", daemon.Socket()});
-    return words;
-  };
-  for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
-           {"captures"}, {"captures", capture_}, {"jobs"}, {"status"}}) {
-    const ProcessOutcome shown = RunProcess(command(words));
+void DaemonSystem::ShowByCommand() {
+  const std::string camera = daemon_->Get("/v1/drift")["cameras"][0]["camera"];
+  for (const std::vector<std::string>& words :
+       std::vector<std::vector<std::string>>{{"captures"},
+                                             {"captures", capture_},
+                                             {"jobs"},
+                                             {"status"},
+                                             {"drift"},
+                                             {"drift", camera}}) {
+    const ProcessOutcome shown = RunProcess(Command(words));
     EXPECT_EQ(shown.exit_code, 0) << shown.errors;
     EXPECT_NE(shown.output.find(capture_), std::string::npos) << words[0] << shown.output;
   }
-  const ProcessOutcome in_force = RunProcess(command({"calibrations", calibration_, "--json"}));
+  const ProcessOutcome in_force = RunProcess(Command({"calibrations", calibration_, "--json"}));
   EXPECT_EQ(Json::parse(in_force.output)["active"], true) << in_force.errors;
-  EXPECT_EQ(RunProcess(command({"cameras"})).exit_code, 0);
-  // What is refused says why, in a line.
+  EXPECT_EQ(RunProcess(Command({"cameras"})).exit_code, 0);
+}
+
+/// With the reason, in a line.
+void DaemonSystem::RefuseByCommand() {
   const std::vector<std::pair<std::vector<std::string>, std::string>> refused = {
       {{"captures", "none"}, "there is no capture \"none\""},
       {{"captures", "a b?c"}, "'a b?c' is no name"},
       {{"jobs", "1/rerun"}, "holds a '/'"},
+      {{"drift", "none"}, "there is no camera 'none'"},
       {{"events", "--after", "x y"}, "'x y' is no number of an event"}};
   for (const auto& [words, reason] : refused) {
-    const ProcessOutcome none = RunProcess(command(words));
+    const ProcessOutcome none = RunProcess(Command(words));
     EXPECT_EQ(none.exit_code, 1) << words[0];
     EXPECT_NE(none.errors.find(reason), std::string::npos) << none.errors;
     EXPECT_EQ(std::count(none.errors.begin(), none.errors.end(), '\n'), 1) << none.errors;
   }
+}
+
+void DaemonSystem::FollowEventsByCommand() {
   BackgroundProcess followed(
-      {command({"events", "--after", "0"}), {}, std::nullopt, daemon / "followed"});
+      {Command({"events", "--after", "0"}), {}, std::nullopt, *daemon_ / "followed"});
   EXPECT_TRUE(WaitUntil([&] {
     return followed.Output().find("reconstruction_stored") != std::string::npos;
   })) << followed.Output();
   followed.Signal(SIGINT);
   EXPECT_EQ(followed.Wait(), 0) << followed.Output();
-  // On a terminal a line tells how far it is: a camera that does not answer takes time.
+}
+
+/// On a terminal a line tells how far a shot is: a camera that does not answer takes time.
+void DaemonSystem::LoseACamera() {
+  Daemon& daemon = *daemon_;
   ASSERT_EQ(SendToCameras({"fault", std::string(kBlock) + ".2", "unplug"}), 0);
   const ProcessOutcome on_terminal =
       RunProcess({"script", "-qec",
@@ -436,15 +458,18 @@ void DaemonSystem::UseTheCommands() {
             std::string::npos);
   ASSERT_EQ(SendToCameras({"clear", "all"}), 0);
   ASSERT_TRUE(wait_for_status(kCameras));
+}
+
+void DaemonSystem::CaptureByCommand() {
   const ProcessOutcome by_command =
-      RunProcess(command({"capture", "--subject", "Zo\u00EB\t\x1b[31m", "--follow", "--json"}));
+      RunProcess(Command({"capture", "--subject", "Zo\u00EB\t\x1b[31m", "--follow", "--json"}));
   ASSERT_EQ(by_command.exit_code, 0) << by_command.errors;
   const Json taken = Json::parse(by_command.output);
   newest_ = taken["capture"];
   EXPECT_EQ(taken["reconstruction"]["capture"], newest_);
   EXPECT_EQ(taken["reconstruction"]["verdict"], "sure");
   // A name does not speak to the terminal, and columns stay below each other.
-  const std::string list = RunProcess(command({"captures"})).output;
+  const std::string list = RunProcess(Command({"captures"})).output;
   const size_t newest = list.find(newest_), person = list.find(capture_);
   EXPECT_NE(list.find("  Zo\u00EB??[31m  "), std::string::npos) << list;
   // One letter has two bytes.
@@ -535,7 +560,11 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   ASSERT_NO_FATAL_FAILURE(LookAtEvents());
   ASSERT_NO_FATAL_FAILURE(LookAtTheRest());
   ASSERT_NO_FATAL_FAILURE(CancelAndRunAgain());
-  ASSERT_NO_FATAL_FAILURE(UseTheCommands());
+  ASSERT_NO_FATAL_FAILURE(ShowByCommand());
+  ASSERT_NO_FATAL_FAILURE(RefuseByCommand());
+  ASSERT_NO_FATAL_FAILURE(FollowEventsByCommand());
+  ASSERT_NO_FATAL_FAILURE(LoseACamera());
+  ASSERT_NO_FATAL_FAILURE(CaptureByCommand());
   ASSERT_NO_FATAL_FAILURE(BackUp());
   ASSERT_NO_FATAL_FAILURE(Reload());
   ASSERT_NO_FATAL_FAILURE(StopAndStartAgain());
@@ -719,10 +748,33 @@ TEST(ClientCommands, AskForWhatTheirOptionsSay) {
       Json::parse(R"({"captures":["x"],"model":"opencv","intrinsics_from":"k","compare":"k"})"));
 }
 
+TEST(ClientCommands, ListsGoOnWhereTheySay) {
+  Daemon daemon({.cameras = NoCameras()});
+  for (const char* id : {"a", "b", "c"}) AddCapture(daemon, id);
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  const auto list = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {ROTUNDA_COMMAND, "captures", "--socket", daemon.Socket()});
+    const ProcessOutcome outcome = RunProcess(more);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
+    return outcome.output;
+  };
+  const std::string first = list({"--limit", "2"}), hint = "older ones: the same with --after ";
+  const size_t at = first.find(hint);
+  ASSERT_NE(at, std::string::npos) << first;
+  const std::string next = first.substr(at + hint.size(), first.find('\n', at) - at - hint.size());
+  const std::string rest = list({"--limit", "2", "--after", next});
+  EXPECT_NE(rest.find("\na  "), std::string::npos) << rest;
+  EXPECT_EQ(rest.find("\nb  "), std::string::npos) << rest;
+  EXPECT_EQ(rest.find(hint), std::string::npos) << "there are no more: " << rest;
+  EXPECT_EQ(RunProcess({ROTUNDA_COMMAND, "drift", "--after", next}).exit_code, 2) << "of whom?";
+  EXPECT_EQ(RunProcess({ROTUNDA_COMMAND, "captures", "a", "--after", next}).exit_code, 2);
+}
+
 TEST(ClientCommands, SayWhatToDoWithoutADaemon) {
   const test::TemporaryFolder folder;
   for (const char* command :
-       {"status", "jobs", "captures", "calibrations", "events", "cameras", "capture"}) {
+       {"status", "jobs", "captures", "calibrations", "drift", "events", "cameras", "capture"}) {
     const ProcessOutcome outcome =
         RunProcess({ROTUNDA_COMMAND, command, "--socket", folder / "none"});
     EXPECT_EQ(outcome.exit_code, 1) << command;

@@ -251,6 +251,7 @@ TEST_F(CompletionOfIds, GivesThoseThatTheDaemonHas) {
                 .exit_code,
             0);
   EXPECT_EQ(Complete({"jobs", ""}), "1");
+  EXPECT_EQ(Complete({"drift", ""}), "c0");
 }
 
 }  // namespace

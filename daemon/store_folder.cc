@@ -1,0 +1,81 @@
+#include "daemon/store_folder.h"
+
+#include <fcntl.h>
+#include <grp.h>
+#include <pwd.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <string>
+#include <system_error>
+
+namespace rotunda::daemon {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Numbers where there is no name.
+std::string UserName(uid_t user) {
+  const passwd* const known = ::getpwuid(user);
+  return known != nullptr ? known->pw_name : std::to_string(user);
+}
+std::string GroupName(gid_t group) {
+  const ::group* const known = ::getgrgid(group);
+  return known != nullptr ? known->gr_name : std::to_string(group);
+}
+
+/// Itself, or the nearest folder above it that is there.
+fs::path NearestThere(fs::path place) {
+  std::error_code ignored;
+  while (!fs::exists(place, ignored) && place.has_relative_path()) place = place.parent_path();
+  return place.empty() ? "." : place;
+}
+
+/// "rotunda:rotunda, mode 0750".
+std::string AccessOf(const fs::path& place) {
+  struct stat found {};
+  if (::stat(place.c_str(), &found) != 0) return "unknown";
+  char mode[16];
+  std::snprintf(mode, sizeof(mode), "%04o", found.st_mode & 07777);
+  return UserName(found.st_uid) + ":" + GroupName(found.st_gid) + ", mode " + mode;
+}
+
+Error NotWritable(const fs::path& place, int error) {
+  const std::string why = "cannot be written: " + std::generic_category().message(error);
+  if (error == EROFS) {
+    return {ErrorCode::kIo,
+            why + "; if it is only so for the service, give that ReadWritePaths=" + place.string() +
+                " (systemctl edit rotunda)",
+            place.string()};
+  }
+  if (error != EACCES && error != EPERM) return {ErrorCode::kIo, why, place.string()};
+  const fs::path there = NearestThere(place);
+  const std::string user = UserName(::geteuid()), group = GroupName(::getegid());
+  const std::string name = place.string();
+  const std::string remedy =
+      there == place ? "chown " + user + ":" + group + " " + name + " && chmod u+rwX " + name
+                     : "install -d -o " + user + " -g " + group + " -m 0750 " + name;
+  return {ErrorCode::kIo,
+          why + "; " + there.string() + " is of " + AccessOf(there) + ", and " + user + ":" +
+              group + " is to read and write " + name + ": " + remedy,
+          name};
+}
+
+}  // namespace
+
+Status MakeWritableFolder(const fs::path& folder) {
+  std::error_code failed;
+  fs::create_directories(folder, failed);
+  if (failed) return NotWritable(folder, failed.value());
+  if (::faccessat(AT_FDCWD, folder.c_str(), R_OK | W_OK | X_OK, AT_EACCESS) == 0) return {};
+  return NotWritable(folder, errno);
+}
+
+Status CheckWritableFile(const fs::path& file) {
+  const bool fine = ::faccessat(AT_FDCWD, file.c_str(), R_OK | W_OK, AT_EACCESS) == 0;
+  return fine || errno == ENOENT ? Status() : Status(NotWritable(file, errno));
+}
+
+}  // namespace rotunda::daemon
