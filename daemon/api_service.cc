@@ -1,5 +1,6 @@
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -138,9 +139,10 @@ Status LookAtDrift(Store& store, Overview& overview) {
 }
 
 /// Says so when the newest captures that were reconstructed are all not sure, as many as it takes
-/// to name a camera. Those that wait for their reconstruction say nothing yet.
+/// to name a camera, or half of those looked at. Those that wait for their reconstruction say
+/// nothing yet.
 Status LookAtVerdicts(Store& store, Overview& overview) {
-  const size_t captures_to_tell = store.options().drift.captures;
+  const size_t captures_to_tell = std::min(store.options().drift.captures, kCapturesLookedAt / 2);
   ROTUNDA_ASSIGN_OR_RETURN(const auto newest,
                            ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}));
   if (!newest.items.empty()) overview.last_capture = newest.items.front();

@@ -352,7 +352,8 @@ Status ListCameras(const CaptureArguments& arguments, const CommonOptions& commo
   ROTUNDA_RETURN_IF_ERROR(WaitForCameras(*session, common));
   const std::vector<rig::CameraState> states = session->States();
   const rig::CameraMatch match = rig::MatchCameras(options.cameras, found);
-  common.json ? PrintJson(CamerasJson(states, match.unused)) : PrintStates(states, match.unused);
+  common.json ? cli::PrintJson(CamerasJson(states, match.unused))
+              : PrintStates(states, match.unused);
   const auto ready = std::count_if(states.begin(), states.end(), [](const rig::CameraState& state) {
     return state.condition == rig::CameraCondition::kReady;
   });

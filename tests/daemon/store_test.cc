@@ -21,6 +21,7 @@
 #include "daemon/store_captures.h"
 #include "daemon/store_events.h"
 #include "daemon/store_jobs.h"
+#include "daemon/store_reconstructions.h"
 #include "tests/support/daemon_state.h"
 
 namespace {

@@ -632,11 +632,12 @@ TEST(CaptureSession, SaysWhenFramesOfEarlierShotsFillTheMemory) {
 
 TEST(CaptureSession, AStopWhileMemoryIsFullIsNoComplaintAboutIt) {
   SimulatedRig rig(RigOf("127.32.36", 2));
-  rig.capture().sets_in_memory = 1;
+  rig.capture().sets_in_memory = 2;
   const auto session = rig.Open();
   ASSERT_TRUE(session) << session.error().ToString();
   ASSERT_EQ((*session)->WaitUntilReady(kReadyPatience), 2u);
-  const Shot kept = (*session)->Capture().value();
+  std::vector<Shot> kept;
+  for (int i = 0; i < 2; ++i) kept.push_back((*session)->Capture().value());
   std::stop_source stop;
   stop.request_stop();
   const auto stopped = (*session)->Capture(stop.get_token());
