@@ -9,6 +9,9 @@
 namespace rotunda::sfm {
 namespace {
 
+constexpr char kContrast[] = "contrast";
+constexpr char kFaintContrast[] = "faint-contrast";
+
 using Setter = std::function<bool(std::string_view, PipelineOptions&)>;
 
 /// A field that is one of two readings.
@@ -70,9 +73,9 @@ const std::map<std::string, Setting, std::less<>>& Settings() {
        {kPaper, Number([](O& o) -> double& { return o.literal.merging.reprojection_weight; })}},
       {"literal-bidirectional",
        {kPaper, Switch([](O& o) -> bool& { return o.literal.merging.bidirectional; })}},
-      {"contrast",
+      {kContrast,
        {std::nullopt, Number([](O& o) -> double& { return o.features.contrast_threshold; })}},
-      {"faint-contrast",
+      {kFaintContrast,
        {std::nullopt, Number([](O& o) -> double& { return o.features.faint_contrast_threshold; })}},
   };
   return settings;
@@ -121,5 +124,7 @@ Status SetOption(std::string_view key, std::string_view value, PipelineOptions& 
                "'" + std::string(value) + "' was given, a number, \"on\" or \"off\" is expected",
                std::string(key)};
 }
+
+bool ActsOnFeatures(std::string_view key) { return key == kContrast || key == kFaintContrast; }
 
 }  // namespace rotunda::sfm
