@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cstdint>
+#include <cstdio>
 
 #include "tests/bench/bench_process.h"
 #include "tests/bench/disambiguation_changes.h"
@@ -177,7 +178,8 @@ void PrepareCapture(const Capture& capture, const fs::path& work) {
   Capture base;
   base.name = capture.made_from;
   base.simulate = capture.simulate;
-  PrepareStages(base, work);
+  PrepareCapture(base, work);
+  PrepareStages(FilesOf(base, work), {});
   MakeChanged(capture, FilesOf(base, work), files);
 }
 
@@ -198,13 +200,21 @@ std::vector<std::string> ReconstructCommand(const CaptureFiles& files,
   return command;
 }
 
-void PrepareStages(const Capture& capture, const fs::path& work) {
-  PrepareCapture(capture, work);
-  const CaptureFiles files = FilesOf(capture, work);
+void PrepareStages(const CaptureFiles& files, const std::vector<std::string>& options) {
   if (fs::exists(files.stages / "two_views.bin")) return;
+  // What an interrupted run left was made, but would not be made again, with the options.
+  if (!options.empty()) fs::remove_all(files.stages);
   fs::create_directories(files.stages.parent_path());
+  std::vector<std::string> plain = {"--method", "plain"};
+  plain.insert(plain.end(), options.begin(), options.end());
+  std::fprintf(stderr, "making %s ...\n", files.stages.c_str());
   const test::TemporaryFolder unused;
-  RunOrDie(ReconstructCommand(files, {"--method", "plain"}, unused / "out"));
+  const test::ProcessOutcome run =
+      test::RunProcess(ReconstructCommand(files, plain, unused / "out"));
+  // What comes after them may fail.
+  if (!fs::exists(files.stages / "two_views.bin")) {
+    Die(files.stages.string() + ": no two-view geometries: " + run.errors);
+  }
 }
 
 }  // namespace rotunda::bench

@@ -62,7 +62,8 @@ std::vector<std::string> ReconstructCommand(const CaptureFiles& files,
                                             const std::vector<std::string>& options,
                                             const std::filesystem::path& out);
 
-/// Makes features, matches and two-view geometries if they are not there yet.
-void PrepareStages(const Capture& capture, const std::filesystem::path& work);
+/// Makes those of features, matches and two-view geometries that are not there yet; with options of
+/// `rotunda reconstruct` for them, all or none. The frame set must be there.
+void PrepareStages(const CaptureFiles& files, const std::vector<std::string>& options);
 
 }  // namespace rotunda::bench

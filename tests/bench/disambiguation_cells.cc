@@ -30,6 +30,13 @@ fs::path RecordFile(const Cell& cell, const fs::path& work) {
   return work / "cells" / (NameOf(cell) + ".json");
 }
 
+/// A method with a front end of its own has its own stages of the capture.
+CaptureFiles FilesOf(const Cell& cell, const fs::path& work) {
+  CaptureFiles files = FilesOf(cell.capture, work);
+  if (!cell.method.front_end.empty()) files.stages = work / "stages" / NameOf(cell);
+  return files;
+}
+
 Json ParseFile(const fs::path& file) { return Json::parse(OrDie(ReadFile(file))); }
 
 void RecordFailure(const ProcessOutcome& outcome, CellRecord& record) {
@@ -81,11 +88,10 @@ void RecordEvaluation(Json evaluation, CellRecord& record) {
 }
 
 void RunRotunda(const Cell& cell, const fs::path& work, CellRecord& record) {
-  const CaptureFiles files = FilesOf(cell.capture, work);
+  const CaptureFiles files = FilesOf(cell, work);
   const fs::path out = work / "runs" / NameOf(cell);
   fs::remove_all(out);
   fs::create_directories(out.parent_path());
-  fs::create_directories(files.stages.parent_path());
   const ProcessOutcome run = RunProcess(ReconstructCommand(files, cell.method.options, out));
   if (run.exit_code != 0) {
     RecordFailure(run, record);
@@ -121,8 +127,7 @@ void WriteDatabase(const CaptureFiles& files, const fs::path& database) {
 }
 
 void RunColmap(const Cell& cell, const fs::path& work, CellRecord& record) {
-  PrepareStages(cell.capture, work);
-  const CaptureFiles files = FilesOf(cell.capture, work);
+  const CaptureFiles files = FilesOf(cell, work);
   const fs::path out = work / "runs" / NameOf(cell);
   fs::remove_all(out);
   fs::create_directories(out / "models");
@@ -158,6 +163,7 @@ std::optional<CellRecord> ReadCell(const Cell& cell, const fs::path& work) {
 
 CellRecord RunCell(const Cell& cell, const fs::path& work) {
   PrepareCapture(cell.capture, work);
+  PrepareStages(FilesOf(cell, work), cell.method.front_end);
   CellRecord record = {{"capture", cell.capture.name}, {"method", cell.method.name}};
   if (cell.method.is_colmap) {
     RunColmap(cell, work, record);

@@ -19,6 +19,9 @@ constexpr Reading kWithout[] = {
     {"consistent-view-graph", "consistent-view-graph", "off"},
     {"unfolding", "unfolding", "off"},
     {"obstacles", "obstacles", "off"},
+};
+/// What is switched off where the stages are made that the methods share.
+constexpr Reading kWithoutInFrontEnd[] = {
     {"faint-keypoints", "faint-contrast", "0.02"},
 };
 /// The published method with one of our readings; the last is a part of it switched off.
@@ -50,6 +53,9 @@ std::vector<Method> AblationMethods() {
   for (const Reading& reading : kWithout) {
     methods.push_back({std::string("tc-sfm-") + reading.name, With(kRig, reading)});
   }
+  for (const Reading& reading : kWithoutInFrontEnd) {
+    methods.push_back({std::string("tc-sfm-") + reading.name, kRig, With({}, reading)});
+  }
   return methods;
 }
 
@@ -58,7 +64,7 @@ void Add(const std::string& group, const std::vector<Capture>& captures,
   for (const Capture& capture : captures) {
     for (const Method& method : methods) cells.push_back({group, capture, method});
     if (capture.with_colmap && group == "mean") {
-      cells.push_back({group, capture, {"colmap", {}, true}});
+      cells.push_back({group, capture, {"colmap", {}, {}, true}});
     }
   }
 }

@@ -9,8 +9,10 @@ namespace rotunda::bench {
 
 struct Method {
   std::string name;
-  std::vector<std::string> options;  // of `rotunda reconstruct`
-  bool is_colmap = false;            // colmap's mapper instead
+  std::vector<std::string> options;  // of `rotunda reconstruct`, from the two-view geometries on
+  /// Options before that; empty: it starts from the stages that the methods share.
+  std::vector<std::string> front_end = {};
+  bool is_colmap = false;  // colmap's mapper instead
 };
 
 /// One run: a method on a capture.
