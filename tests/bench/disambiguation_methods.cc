@@ -19,6 +19,12 @@ constexpr Reading kWithout[] = {
     {"consistent-view-graph", "consistent-view-graph", "off"},
     {"unfolding", "unfolding", "off"},
     {"obstacles", "obstacles", "off"},
+    {"piece-consensus", "piece-consensus", "off"},
+    {"matches-brought-back", "matches-brought-back", "off"},
+    {"ring-gap", "ring-gap", "off"},
+    {"single-image-doubt", "single-image-doubt", "off"},
+    {"bidirectional-cost", "bidirectional", "off"},
+    {"reprojection", "reprojection-weight", "0"},
 };
 /// What is switched off where the stages are made that the methods share.
 constexpr Reading kWithoutInFrontEnd[] = {
@@ -26,6 +32,13 @@ constexpr Reading kWithoutInFrontEnd[] = {
 };
 /// The published method with one of our readings; the last is a part of it switched off.
 constexpr Reading kLiteralWith[] = {
+    {"+consistent-view-graph", "literal-consistent-view-graph", "on"},
+    {"+min-edge-weight-0.05", "literal-min-edge-weight", "0.05"},
+    {"+rejected-links", "literal-rejected-links", "on"},
+    {"+min-diversity-0.65", "literal-min-diversity", "0.65"},
+    {"+diversity-inclusive", "literal-diversity-inclusive", "on"},
+    {"+labels-by-track", "literal-labels-by-track", "on"},
+    {"+max-sigma-share", "literal-max-sigma-share", "0.333"},
     {"+weighted-track-graph", "literal-weighted-track-graph", "on"},
     {"+undecided-left-out", "literal-rejected-undecided", "on"},
     {"+center-angle", "literal-center-angle", "on"},
