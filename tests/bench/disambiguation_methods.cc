@@ -1,5 +1,7 @@
 #include "tests/bench/disambiguation_methods.h"
 
+#include <algorithm>
+
 namespace rotunda::bench {
 namespace {
 
@@ -82,6 +84,12 @@ void Add(const std::string& group, const std::vector<Capture>& captures,
   }
 }
 
+int PlaceInRun(const Method& method) {
+  if (method.is_colmap) return 3;
+  if (method.name == "tc-sfm" || method.name == "plain") return 0;
+  return method.name == "literal" ? 1 : 2;
+}
+
 }  // namespace
 
 std::vector<Cell> PlanCells(const Groups& groups, const CaptureSize& size) {
@@ -94,6 +102,12 @@ std::vector<Cell> PlanCells(const Groups& groups, const CaptureSize& size) {
     Add("photographs", PhotographCaptures(), {{"plain", kPlain}, {"tc-sfm", kInternet}}, cells);
   }
   return cells;
+}
+
+void SortToRun(std::vector<Cell>& cells) {
+  std::stable_sort(cells.begin(), cells.end(), [](const Cell& a, const Cell& b) {
+    return PlaceInRun(a.method) < PlaceInRun(b.method);
+  });
 }
 
 }  // namespace rotunda::bench
