@@ -1,9 +1,12 @@
 #include "sfm/consistent_view_graph.h"
 
+#include <Eigen/Geometry>
 #include <Eigen/Sparse>
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <span>
 #include <string>
 
 namespace rotunda::sfm {
@@ -67,10 +70,12 @@ Eigen::Quaterniond Consensus(const std::vector<Vote>& votes, double near_rad) {
 /// several nearly as heavy, many light ones are not heard.
 class RotationForest {
  public:
-  RotationForest(const ViewGraph& graph, const TwoViews& two_views, double near_rad)
+  /// `options` is borrowed like the rest.
+  RotationForest(const ViewGraph& graph, const TwoViews& two_views,
+                 const ConsistencyOptions& options)
       : graph_(graph),
         two_views_(two_views),
-        near_rad_(near_rad),
+        options_(options),
         rotations_(graph.images),
         piece_of_(graph.images, SIZE_MAX) {}
 
@@ -82,7 +87,11 @@ class RotationForest {
     for (const size_t e : EdgesByWeight(graph_)) {
       const size_t a = piece_of_[graph_.edges[e].pair.first.index()];
       const size_t b = piece_of_[graph_.edges[e].pair.second.index()];
-      if (a != b) Join(std::min(a, b), std::max(a, b));
+      if (a == b) continue;
+      const std::span<const ViewGraphEdge> all = graph_.edges;
+      const std::span<const ViewGraphEdge> voting =
+          options_.piece_consensus ? all : all.subspan(e, 1);
+      Join(std::min(a, b), std::max(a, b), voting);
     }
     return std::move(rotations_);
   }
@@ -97,10 +106,10 @@ class RotationForest {
     pieces_.push_back({{image}});
   }
 
-  /// Frame of b from frame of a, by every edge between them.
-  std::vector<Vote> Votes(size_t a, size_t b) const {
+  /// Frame of b from frame of a, by every one of the edges that is between them.
+  std::vector<Vote> Votes(size_t a, size_t b, std::span<const ViewGraphEdge> edges) const {
     std::vector<Vote> votes;
-    for (const ViewGraphEdge& edge : graph_.edges) {
+    for (const ViewGraphEdge& edge : edges) {
       const size_t i = edge.pair.first.index(), j = edge.pair.second.index();
       const Eigen::Quaterniond& relative =
           two_views_.pairs[edge.two_view].second_from_first.rotation;
@@ -115,8 +124,8 @@ class RotationForest {
     return votes;
   }
 
-  void Join(size_t a, size_t b) {
-    const Eigen::Quaterniond b_from_a = Consensus(Votes(a, b), near_rad_);
+  void Join(size_t a, size_t b, std::span<const ViewGraphEdge> voting) {
+    const Eigen::Quaterniond b_from_a = Consensus(Votes(a, b, voting), options_.off_rad);
     for (const size_t image : pieces_[b].images) {
       rotations_[image] = (*rotations_[image] * b_from_a).normalized();
       piece_of_[image] = a;
@@ -127,7 +136,7 @@ class RotationForest {
 
   const ViewGraph& graph_;
   const TwoViews& two_views_;
-  double near_rad_;
+  const ConsistencyOptions& options_;
   Rotations rotations_;
   std::vector<size_t> piece_of_;  // by image
   std::vector<Piece> pieces_;
@@ -244,13 +253,10 @@ Result<ConsistentViewGraph> BuildConsistentViewGraph(const ViewGraph& graph,
                                                      const ConsistencyOptions& options) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
   const ViewGraph voting = VotingEdges(graph, two_views);
-  Rotations rotations = RotationForest(voting, two_views, options.off_rad).Grow();
+  Rotations rotations = RotationForest(voting, two_views, options).Grow();
   rotations = Average(voting, two_views, std::move(rotations), options.far_rad);
   rotations = Average(voting, two_views, std::move(rotations), options.off_rad);
-  ConsistentViewGraph consistent;
-  consistent.verdicts = Judge(Residuals_rad(graph, two_views, rotations), options.agree_rad);
-  consistent.cam_from_world = std::move(rotations);
-  return consistent;
+  return ConsistentViewGraph{Judge(Residuals_rad(graph, two_views, rotations), options.agree_rad)};
 }
 
 ViewGraph EdgesThatAgree(const ViewGraph& graph, const ConsistentViewGraph& consistent) {

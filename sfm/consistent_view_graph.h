@@ -1,7 +1,5 @@
 #pragma once
 
-#include <Eigen/Geometry>
-#include <optional>
 #include <vector>
 
 #include "sfm/core/result.h"
@@ -20,14 +18,15 @@ enum class EdgeVerdict {
 /// The view graph with every edge judged by all others, before any track is built.
 struct ConsistentViewGraph {
   std::vector<EdgeVerdict> verdicts;  // parallel to ViewGraph::edges
-  /// By ImageId, in a frame of each connected component's own; nullopt: image without an edge.
-  std::vector<std::optional<Eigen::Quaterniond>> cam_from_world;
 };
 
 struct ConsistencyOptions {
   double far_rad = RadFromDeg(30.0);   // off the joined rotations: dropped before any averaging
   double off_rad = RadFromDeg(15.0);   // off the first average: dropped before the second
   double agree_rad = RadFromDeg(8.0);  // of the second average: kept
+  /// All edges between two pieces vote on how they are joined; false: the heaviest joins them, as
+  /// in a maximum spanning tree (the paper).
+  bool piece_consensus = true;
   Status Validate() const;
 };
 

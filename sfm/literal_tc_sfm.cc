@@ -1,6 +1,8 @@
 #include "sfm/literal_tc_sfm.h"
 
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "sfm/disjoint_sets.h"
 #include "sfm/tracks.h"
@@ -20,7 +22,18 @@ ViewGraph HeavyEdges(const ViewGraph& graph, double min_weight) {
   return heavy;
 }
 
-Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input, const Tracks& tracks,
+/// What the others say of every edge, where a reading asks for it; the paper asks for nothing.
+Result<ConsistentViewGraph> JudgeEdges(const TcSfmInput& input, const LiteralOptions& options) {
+  if (options.consistent_view_graph || options.segments.sign == AmbiguitySign::kRejectedLinks) {
+    return BuildConsistentViewGraph(input.view_graph, input.two_views, {});
+  }
+  return ConsistentViewGraph{
+      std::vector<EdgeVerdict>(input.view_graph.edges.size(), EdgeVerdict::kAgrees)};
+}
+
+/// `verdicts`: parallel to the edges of `input.view_graph`.
+Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input,
+                              const std::vector<EdgeVerdict>& verdicts, const Tracks& tracks,
                               const LiteralOptions& options, RunContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<Superpixels> superpixels,
                            BuildSuperpixels(set, options.superpixels, context));
@@ -29,8 +42,6 @@ Result<Segments> FindSegments(const FrameSet& set, const TcSfmInput& input, cons
       BuildTrackGraph(input.features, tracks, superpixels, options.track_graph);
   ROTUNDA_ASSIGN_OR_RETURN(const Communities communities,
                            BuildCommunities(graph.graph, options.communities));
-  // No edge is judged by the others in the paper.
-  const std::vector<EdgeVerdict> verdicts(input.view_graph.edges.size(), EdgeVerdict::kAgrees);
   return BuildSegments({input.features, input.two_views, input.view_graph, verdicts, tracks,
                         superpixels, graph, communities},
                        options.segments);
@@ -40,6 +51,26 @@ std::vector<ImageId> AllImages(const Features& features) {
   std::vector<ImageId> images;
   for (size_t i = 0; i < features.images.size(); ++i) images.push_back(ImageId(i));
   return images;
+}
+
+/// The largest of the merged models on the matches within the parts, adjusted; the others behind
+/// it.
+Result<IncrementalResult> Complete(const IncrementalInput& input, const Correction& correction,
+                                   std::vector<Reconstruction> merged,
+                                   const ClusterOptions& clusters,
+                                   const IncrementalOptions& incremental, RunContext& context) {
+  const TwoViews consistent =
+      MatchesWithinParts(input, correction, AllImages(input.features), clusters);
+  const ViewGraph graph = BuildViewGraph(input.features, consistent);
+  const Tracks tracks = BuildTracks(input.features, consistent, graph);
+  const Reconstruction start = std::move(merged.front());
+  ROTUNDA_ASSIGN_OR_RETURN(
+      IncrementalResult models,
+      ExtendReconstruction({input.features, start.intrinsics, consistent, graph, tracks}, start,
+                           incremental, context));
+  merged.erase(merged.begin());
+  AppendModels(std::move(merged), incremental.min_model_images, models);
+  return models;
 }
 
 }  // namespace
@@ -63,14 +94,18 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
                                       const LiteralOptions& options,
                                       const IncrementalOptions& incremental, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
-  const ViewGraph heavy = HeavyEdges(input.view_graph, options.min_edge_weight);
+  ROTUNDA_ASSIGN_OR_RETURN(const ConsistentViewGraph judged, JudgeEdges(input, options));
+  const ViewGraph graph =
+      options.consistent_view_graph ? EdgesThatAgree(input.view_graph, judged) : input.view_graph;
+  const ViewGraph heavy = HeavyEdges(graph, options.min_edge_weight);
   const Tracks tracks = BuildTracks(input.features, input.two_views, heavy);
   LiteralResult result;
-  ROTUNDA_ASSIGN_OR_RETURN(result.segments, FindSegments(set, input, tracks, options, context));
+  ROTUNDA_ASSIGN_OR_RETURN(result.segments,
+                           FindSegments(set, input, judged.verdicts, tracks, options, context));
 
   context.Report("correction", 0, 1);
-  const IncrementalInput everything = {input.features, input.intrinsics, input.two_views,
-                                       input.view_graph, tracks};
+  const IncrementalInput everything = {input.features, input.intrinsics, input.two_views, graph,
+                                       tracks};
   ROTUNDA_ASSIGN_OR_RETURN(
       const Correction correction,
       BuildCorrection(everything, result.segments, options.correction, context));
@@ -79,19 +114,10 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
       BuildClusterReconstructions(everything, correction, options.clusters, incremental, context));
   context.Report("merging", 0, 1);
   ROTUNDA_ASSIGN_OR_RETURN(MergeResult merged,
-                           MergeModels({input.features, input.two_views, input.view_graph},
-                                       std::move(models), options.merging, context));
-
-  const TwoViews consistent =
-      MatchesWithinParts(everything, correction, AllImages(input.features), options.clusters);
-  const ViewGraph graph = BuildViewGraph(input.features, consistent);
-  const Tracks last = BuildTracks(input.features, consistent, graph);
-  const Reconstruction start = merged.models.front();
-  ROTUNDA_ASSIGN_OR_RETURN(result.models, ExtendReconstruction({input.features, start.intrinsics,
-                                                                consistent, graph, last},
-                                                               start, incremental, context));
-  merged.models.erase(merged.models.begin());
-  AppendModels(std::move(merged.models), incremental.min_model_images, result.models);
+                           MergeModels({input.features, input.two_views, graph}, std::move(models),
+                                       options.merging, context));
+  ROTUNDA_ASSIGN_OR_RETURN(result.models, Complete(everything, correction, std::move(merged.models),
+                                                   options.clusters, incremental, context));
   return result;
 }
 

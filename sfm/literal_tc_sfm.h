@@ -14,7 +14,8 @@ namespace rotunda::sfm {
 
 /// TC-SfM as it was published, stage by stage; what is set here is the paper's reading.
 struct LiteralOptions {
-  double min_edge_weight = 0.15;  // tau_w; 0.05 for photographs from the Internet
+  bool consistent_view_graph = false;  // only its edges are used
+  double min_edge_weight = 0.15;       // tau_w; 0.05 for photographs from the Internet
   SuperpixelOptions superpixels;
   TrackGraphOptions track_graph{.weighted = false};
   CommunityOptions communities;

@@ -369,9 +369,6 @@ SimilarityEvidence CountLinks(const std::vector<ModelLink>& links) {
   SimilarityEvidence evidence;
   for (const ModelLink& link : links) {
     ++(link.CommonCamera() ? evidence.common_cameras : evidence.cross_pairs);
-    for (const LinkedPoint& point : link.points) {
-      evidence.shared_points += point.source_point && point.target_point;
-    }
   }
   return evidence;
 }

@@ -28,7 +28,6 @@ struct SimilarityOptions {
 struct SimilarityEvidence {
   size_t common_cameras = 0, agreeing_cameras = 0;
   size_t cross_pairs = 0, agreeing_pairs = 0;
-  size_t shared_points = 0;   // over all links: seen by both models
   double support_weight = 0;  // of the agreeing links
   double rival_weight = 0;    // of the heaviest group of links against them
   double scale_sigma = 0;     // of log(scale), from the agreement of the links; infinite: open

@@ -11,6 +11,7 @@
 #include "sfm/intrinsics.h"
 #include "sfm/pairs.h"
 #include "sfm/pose_description.h"
+#include "sfm/presets.h"
 #include "sfm/report.h"
 #include "sfm/rig_alignment.h"
 #include "sfm/stage_io.h"
@@ -382,6 +383,20 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
   return result;
 }
 
+/// A setting of the features changes nothing of features that are there already.
+Status CheckFeatureSettings(const PipelineOptions& options) {
+  if (!options.database && !options.start_from) return {};
+  for (const auto& [name, value] : options.settings) {
+    if (!ActsOnFeatures(name)) continue;
+    return Error{ErrorCode::kInvalidArgument,
+                 std::string("has no effect on features that are taken from ") +
+                     (options.database ? "a database" : "the stages") +
+                     "; leave it out, or make the features anew",
+                 name};
+  }
+  return {};
+}
+
 }  // namespace
 
 const char* MethodName(Method method) {
@@ -424,6 +439,7 @@ Status PipelineOptions::Validate() const {
     return Error{ErrorCode::kInvalidArgument,
                  "features and matches come either from a database or from the stages", ""};
   }
+  ROTUNDA_RETURN_IF_ERROR(CheckFeatureSettings(*this));
   ROTUNDA_RETURN_IF_ERROR(features.Validate());
   ROTUNDA_RETURN_IF_ERROR(matching.Validate());
   ROTUNDA_RETURN_IF_ERROR(two_view.Validate());

@@ -9,6 +9,9 @@
 namespace rotunda::sfm {
 namespace {
 
+constexpr char kContrast[] = "contrast";
+constexpr char kFaintContrast[] = "faint-contrast";
+
 using Setter = std::function<bool(std::string_view, PipelineOptions&)>;
 
 /// A field that is one of two readings.
@@ -46,11 +49,37 @@ const std::map<std::string, Setting, std::less<>>& Settings() {
       {"consistent-view-graph",
        {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.consistent_view_graph; })}},
       {"unfolding", {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.unfolding; })}},
+      {"piece-consensus",
+       {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.consistency.piece_consensus; })}},
+      {"matches-brought-back",
+       {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.matches_brought_back; })}},
+      {"single-image-doubt",
+       {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.single_image_doubt; })}},
+      {"ring-gap",
+       {kOurs, Choice<std::optional<double>>(
+                   [](O& o) -> std::optional<double>& { return o.tc_sfm.max_gap_deg; },
+                   TcSfmOptions().max_gap_deg, std::nullopt)}},
       {"obstacles", {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.covisibility.obstacles; })}},
       {"bidirectional",
        {kOurs, Switch([](O& o) -> bool& { return o.tc_sfm.merging.bidirectional; })}},
       {"reprojection-weight",
        {kOurs, Number([](O& o) -> double& { return o.tc_sfm.merging.reprojection_weight; })}},
+      {"literal-consistent-view-graph",
+       {kPaper, Switch([](O& o) -> bool& { return o.literal.consistent_view_graph; })}},
+      {"literal-min-edge-weight",
+       {kPaper, Number([](O& o) -> double& { return o.literal.min_edge_weight; })}},
+      {"literal-rejected-links",
+       {kPaper,
+        Choice<AmbiguitySign>([](O& o) -> AmbiguitySign& { return o.literal.segments.sign; },
+                              AmbiguitySign::kRejectedLinks, AmbiguitySign::kDiversity)}},
+      {"literal-min-diversity",
+       {kPaper, Number([](O& o) -> double& { return o.literal.segments.min_diversity; })}},
+      {"literal-diversity-inclusive",
+       {kPaper, Switch([](O& o) -> bool& { return o.literal.segments.diversity_inclusive; })}},
+      {"literal-labels-by-track",
+       {kPaper, Switch([](O& o) -> bool& { return o.literal.correction.labels_by_track; })}},
+      {"literal-max-sigma-share",
+       {kPaper, Number([](O& o) -> double& { return o.literal.correction.max_sigma_share; })}},
       {"literal-weighted-track-graph",
        {kPaper, Switch([](O& o) -> bool& { return o.literal.track_graph.weighted; })}},
       {"literal-rejected-undecided",
@@ -70,9 +99,9 @@ const std::map<std::string, Setting, std::less<>>& Settings() {
        {kPaper, Number([](O& o) -> double& { return o.literal.merging.reprojection_weight; })}},
       {"literal-bidirectional",
        {kPaper, Switch([](O& o) -> bool& { return o.literal.merging.bidirectional; })}},
-      {"contrast",
+      {kContrast,
        {std::nullopt, Number([](O& o) -> double& { return o.features.contrast_threshold; })}},
-      {"faint-contrast",
+      {kFaintContrast,
        {std::nullopt, Number([](O& o) -> double& { return o.features.faint_contrast_threshold; })}},
   };
   return settings;
@@ -117,9 +146,12 @@ Status SetOption(std::string_view key, std::string_view value, PipelineOptions& 
     options.settings[std::string(key)] = value;
     return {};
   }
-  return Error{ErrorCode::kInvalidArgument,
-               "'" + std::string(value) + "' was given, a number, \"on\" or \"off\" is expected",
-               std::string(key)};
+  return Error{
+      ErrorCode::kInvalidArgument,
+      std::string("'").append(value) + "' was given, a number, \"on\" or \"off\" is expected",
+      std::string(key)};
 }
+
+bool ActsOnFeatures(std::string_view key) { return key == kContrast || key == kFaintContrast; }
 
 }  // namespace rotunda::sfm

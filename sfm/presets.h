@@ -23,4 +23,7 @@ void ApplyPreset(Preset preset, PipelineOptions& options);
 /// what is known or expected, also when the option does not act on `options.method`.
 Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options);
 
+/// Whether that option acts where features are made, and nowhere else.
+bool ActsOnFeatures(std::string_view key);
+
 }  // namespace rotunda::sfm

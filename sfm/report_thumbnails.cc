@@ -35,27 +35,6 @@ cv::Scalar ColourOf(uint32_t community) {
   return {channel(1), channel(3), channel(5)};  // blue, green, red
 }
 
-cv::Mat Marked(const cv::Mat& small, double factor, const std::vector<Mark>& marks) {
-  constexpr int kFractionBits = 4;
-  cv::Mat marked;
-  if (small.channels() == 1) {
-    cv::cvtColor(small, marked, cv::COLOR_GRAY2BGR);
-  } else {
-    marked = small.clone();
-  }
-  for (const Mark& mark : marks) {
-    const cv::Point place(cvRound((mark.place.x() * factor - 0.5) * (1 << kFractionBits)),
-                          cvRound((mark.place.y() * factor - 0.5) * (1 << kFractionBits)));
-    const auto dot = [&](double radius_px, const cv::Scalar& colour) {
-      cv::circle(marked, place, cvRound(radius_px * (1 << kFractionBits)), colour, cv::FILLED,
-                 cv::LINE_AA, kFractionBits);
-    };
-    if (mark.ambiguous) dot(2.6, {0, 0, 0});
-    dot(1.7, ColourOf(mark.community));
-  }
-  return marked;
-}
-
 Thumbnail Shrunk(const cv::Mat& picture, const std::vector<Mark>* marks) {
   const double factor =
       std::min(1.0, static_cast<double>(kLongerSide_px) / std::max(picture.cols, picture.rows));
@@ -66,7 +45,7 @@ Thumbnail Shrunk(const cv::Mat& picture, const std::vector<Mark>* marks) {
     cv::Mat small;
     cv::resize(picture, small, {thumbnail.width_px, thumbnail.height_px}, 0, 0, cv::INTER_AREA);
     thumbnail.jpeg = Jpeg(small);
-    if (marks) thumbnail.marked_jpeg = Jpeg(Marked(small, factor, *marks));
+    if (marks) thumbnail.marked_jpeg = Jpeg(WithMarks(small, factor, *marks));
   } catch (const cv::Exception& exception) {
     thumbnail.problem = exception.err;
   }
@@ -88,6 +67,27 @@ Thumbnail MakeThumbnail(const FrameSet& set, ImageId id, const std::vector<Mark>
 }
 
 }  // namespace
+
+cv::Mat WithMarks(const cv::Mat& picture, double factor, const std::vector<Mark>& marks) {
+  constexpr int kFractionBits = 4;
+  cv::Mat marked;
+  if (picture.channels() == 1) {
+    cv::cvtColor(picture, marked, cv::COLOR_GRAY2BGR);
+  } else {
+    marked = picture.clone();
+  }
+  for (const Mark& mark : marks) {
+    const cv::Point place(cvRound((mark.place.x() * factor - 0.5) * (1 << kFractionBits)),
+                          cvRound((mark.place.y() * factor - 0.5) * (1 << kFractionBits)));
+    const auto dot = [&](double radius_px, const cv::Scalar& colour) {
+      cv::circle(marked, place, cvRound(radius_px * (1 << kFractionBits)), colour, cv::FILLED,
+                 cv::LINE_AA, kFractionBits);
+    };
+    if (mark.ambiguous) dot(2.6, {0, 0, 0});
+    dot(1.7, ColourOf(mark.community));
+  }
+  return marked;
+}
 
 Marks MarksOf(const Features& features, const Segments& segments) {
   Marks marks(features.images.size());

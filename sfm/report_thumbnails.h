@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <opencv2/core/mat.hpp>
 #include <string>
 #include <vector>
 
@@ -33,6 +34,10 @@ using Marks = std::vector<std::vector<Mark>>;  // by ImageId
 /// Of every picture the keypoints that belong to a segment, evenly thinned to what a small picture
 /// can show.
 Marks MarksOf(const Features& features, const Segments& segments);
+
+/// A copy of the picture, 8-bit grey or BGR, with its marks. `factor`: its pixels in one of the
+/// whole picture.
+cv::Mat WithMarks(const cv::Mat& picture, double factor, const std::vector<Mark>& marks);
 
 /// One small picture a frame, in order. A picture that cannot be read is a `problem`, not an
 /// error. kCancelled when the context was stopped. `marks`: by frame, or empty.

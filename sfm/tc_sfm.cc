@@ -192,13 +192,28 @@ void AddOpenPairs(const State& state, const Reconstruction& model, TwoViews& two
             [](const TwoView& x, const TwoView& y) { return x.pair < y.pair; });
 }
 
+TwoViews TwoViewsOf(const ViewGraph& graph, const TwoViews& all) {
+  TwoViews chosen;
+  for (const ViewGraphEdge& edge : graph.edges) chosen.pairs.push_back(all.pairs[edge.two_view]);
+  return chosen;
+}
+
+/// The matches that agree with the first model.
+TwoViews MatchesToComplete(const State& state, const Draft& draft) {
+  const TcSfmInput& input = state.input;
+  const TwoViews& all = input.two_views;
+  return AgreeingMatches(draft.models.front(), input.features,
+                         state.options.matches_brought_back ? all : TwoViewsOf(draft.graph, all),
+                         {}, state.context);
+}
+
 /// Brings back every match that agrees with the first model, places what is left over and adjusts
 /// everything; the result's matches are then those that agree with the finished poses.
 Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
   TcSfmResult& result = state.result;
   const Features& features = state.input.features;
   const Reconstruction& start = draft.models.front();
-  TwoViews two_views = AgreeingMatches(start, features, state.input.two_views, {}, state.context);
+  TwoViews two_views = MatchesToComplete(state, draft);
   AddOpenPairs(state, start, two_views);
   const ViewGraph graph = BuildViewGraph(features, two_views);
   const Tracks tracks = BuildTracks(features, two_views, graph);
@@ -296,7 +311,7 @@ Status Judge(State& state, double gain) {
   if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
   result.evidence = alternatives.poses.empty() ? std::numeric_limits<double>::infinity()
                                                : alternatives.evidence_against;
-  result.doubtful = DoubtfulImages(state, alternatives);
+  if (state.options.single_image_doubt) result.doubtful = DoubtfulImages(state, alternatives);
   const std::optional<double> gap_deg = GapInRing_deg(model, state.options);
   const ToldApart told_apart = WhatTellsApart(state, alternatives);
   const bool sure = told_apart != ToldApart::kNothing && !gap_deg && result.doubtful.empty() &&

@@ -24,6 +24,9 @@ struct TcSfmOptions {
   bool consistent_view_graph = true;  // edges that contradict the rotations of the others go first
   bool unfolding = true;              // groups of images that do not meet what they should
   CalibrationPriorOptions prior;
+  /// What the draft was not built on but its poses agree with makes the final tracks, too.
+  bool matches_brought_back = true;
+  bool single_image_doubt = true;  // an image that may be on the look-alike side makes it unsure
   ConsistencyOptions consistency;
   CovisibilityOptions covisibility;
   MergeOptions merging;

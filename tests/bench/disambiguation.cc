@@ -17,6 +17,7 @@
 #include "tests/bench/disambiguation_cells.h"
 #include "tests/bench/disambiguation_methods.h"
 #include "tests/bench/disambiguation_table.h"
+#include "tests/bench/disambiguation_verdict.h"
 
 namespace rotunda::bench {
 namespace {
@@ -77,6 +78,7 @@ std::vector<Cell> CellsToRun(const std::vector<Cell>& chosen, const Arguments& a
     const bool failed = record && record->contains("error") && !record->value("refused", false);
     if (arguments.force || !record || failed) missing.push_back(cell);
   }
+  SortToRun(missing);
   return missing;
 }
 
@@ -96,17 +98,21 @@ void RunCells(const std::vector<Cell>& cells, const Arguments& arguments) {
   }
 }
 
-/// Everything that exists, whatever this call was about.
-void Report(const Arguments& arguments) {
+/// Everything that exists, whatever this call was about; 1 when it is not as it must be.
+int Report(const Arguments& arguments) {
   constexpr Groups kAll = {true, true, true, true, true};
   std::vector<TableRow> rows;
   for (const Cell& cell : PlanCells(kAll, arguments.size)) {
-    if (const auto record = ReadCell(cell, arguments.work)) rows.push_back({cell.group, *record});
+    if (const auto record = ReadCell(cell, arguments.work)) rows.push_back({cell, *record});
   }
   const std::string text = TableText(rows);
   OrDie(WriteFileAtomically(arguments.work / "table.txt", text));
   OrDie(WriteFileAtomically(arguments.work / "table.json", TableJson(rows)));
-  std::printf("%s", text.c_str());
+  std::printf("%s\n", text.c_str());
+  Limits limits;
+  JudgeRows(rows, limits);
+  if (limits.broken() == 0) std::printf("All as it must be.\n");
+  return limits.broken() == 0 ? 0 : 1;
 }
 
 void AddOptions(CLI::App& app, Arguments& arguments) {
@@ -142,7 +148,8 @@ int Main(int argc, char** argv) {
   CLI::App app(
       "Whether look-alike sides are told apart: our methods and colmap's mapper on the same "
       "matches, against truth. Goes on where an earlier run ended; the tables go to standard "
-      "output and to table.txt and table.json in the work folder.",
+      "output and to table.txt and table.json in the work folder. Ends with 1, naming what failed, "
+      "when the results that are there are not as they must be.",
       "disambiguation");
   AddOptions(app, arguments);
   CLI11_PARSE(app, argc, argv);
@@ -156,8 +163,7 @@ int Main(int argc, char** argv) {
   if (!arguments.report_only) {
     RunCells(CellsToRun(ChooseCells(arguments), arguments), arguments);
   }
-  Report(arguments);
-  return 0;
+  return Report(arguments);
 }
 
 }  // namespace

@@ -16,12 +16,30 @@ enum class Change {
   kSwapped,           // two cameras have each other's place in the calibration
 };
 
+/// A part of a picture, pixels.
+struct PictureBox {
+  std::string picture;  // file without its ending
+  double left = 0, top = 0, right = 0, bottom = 0;
+};
+
+/// Two copies of one object that stand in different places.
+struct Scene {
+  std::string truth;  // how that is known
+  /// By copy: a box that nothing but the copy is in.
+  std::vector<PictureBox> copies;
+  /// By copy: pictures that show it and not the other one, to be drawn.
+  std::vector<std::vector<std::string>> pictures;
+};
+
 struct Capture {
   std::string name;
   std::vector<std::string> simulate;  // options of `rotunda simulate`; empty: not simulated
-  std::string made_from;              // name of the capture that `change` is applied to, if any
+  std::string garment;    // "unique", "twin", "twin-symmetric", "plaid"; empty: not simulated
+  double scale = 1;       // of the pictures; 1 is 1200x1600
+  std::string made_from;  // name of the capture that `change` is applied to, if any
   Change change = Change::kNone;
-  std::filesystem::path photographs;  // folder of pictures without truth, if not simulated
+  std::filesystem::path photographs;  // folder of pictures, if not simulated
+  Scene scene;                        // what they show
   bool with_colmap = false;           // colmap's mapper is run on it, too
   std::string unavailable;            // why it cannot be had; empty: it can
 };
@@ -62,7 +80,8 @@ std::vector<std::string> ReconstructCommand(const CaptureFiles& files,
                                             const std::vector<std::string>& options,
                                             const std::filesystem::path& out);
 
-/// Makes features, matches and two-view geometries if they are not there yet.
-void PrepareStages(const Capture& capture, const std::filesystem::path& work);
+/// Makes those of features, matches and two-view geometries that are not there yet; with options of
+/// `rotunda reconstruct` for them, all or none. The frame set must be there.
+void PrepareStages(const CaptureFiles& files, const std::vector<std::string>& options);
 
 }  // namespace rotunda::bench

@@ -1,8 +1,9 @@
 #include "tests/bench/disambiguation_cells.h"
 
 #include <algorithm>
-#include <set>
+#include <vector>
 
+#include "revision.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/evaluate.h"
 #include "sfm/core/file_io.h"
@@ -10,7 +11,7 @@
 #include "sfm/stage_io.h"
 #include "tests/bench/bench_process.h"
 #include "tests/bench/colmap_mapper.h"
-#include "tests/bench/disambiguation_layout.h"
+#include "tests/bench/disambiguation_photographs.h"
 
 namespace rotunda::bench {
 namespace {
@@ -30,6 +31,19 @@ fs::path RecordFile(const Cell& cell, const fs::path& work) {
   return work / "cells" / (NameOf(cell) + ".json");
 }
 
+/// A method with a front end of its own has its own stages of the capture.
+CaptureFiles FilesOf(const Cell& cell, const fs::path& work) {
+  CaptureFiles files = FilesOf(cell.capture, work);
+  if (!cell.method.front_end.empty()) files.stages = work / "stages" / NameOf(cell);
+  return files;
+}
+
+std::vector<std::string> OptionsOf(const Method& method) {
+  std::vector<std::string> options = method.options;
+  options.insert(options.end(), method.front_end.begin(), method.front_end.end());
+  return options;
+}
+
 Json ParseFile(const fs::path& file) { return Json::parse(OrDie(ReadFile(file))); }
 
 void RecordFailure(const ProcessOutcome& outcome, CellRecord& record) {
@@ -40,27 +54,15 @@ void RecordFailure(const ProcessOutcome& outcome, CellRecord& record) {
   record["refused"] = outcome.exit_code == kRefused;
 }
 
-bool IsFrontEnd(const std::string& stage) {
-  static const std::set<std::string> kStages = {"features", "matching", "two-view geometry"};
-  return kStages.contains(stage);
-}
-
-void RecordStages(const Json& result, CellRecord& record) {
-  double seconds = 0;
-  for (const Json& stage : result["stages"]) {
-    if (!IsFrontEnd(stage["stage"])) seconds += stage["seconds"].get<double>();
-  }
-  record["seconds"] = seconds;
-  record["stages"] = result["stages"];
-}
-
 /// What the result says of itself, and which cameras it finds in another place than the calibration
 /// has them.
 void RecordPoses(const Json& poses, const CaptureFiles& files, CellRecord& record) {
   const Json& summary = poses["summary"];
-  for (const char* key : {"registered", "of", "models", "rms_px", "margin", "verdict"}) {
+  for (const char* key :
+       {"registered", "of", "models", "rms_px", "margin", "verdict", "verdict_reason"}) {
     if (summary.contains(key)) record[key] = summary[key];
   }
+  record["gives_margins"] = poses["method"] == "tc-sfm";
   if (summary.contains("folded")) record["says_folded"] = summary["folded"];
   record["moved"] = Json::array();
   record["swapped"] = Json::array();
@@ -80,26 +82,34 @@ void RecordEvaluation(Json evaluation, CellRecord& record) {
   record["evaluation"] = evaluation;
 }
 
+void RecordScene(const Cell& cell, const CaptureFiles& files, const fs::path& model,
+                 const fs::path& picture, CellRecord& record) {
+  fs::create_directories(picture.parent_path());
+  const SceneJudgement judgement = JudgeScene(cell, files, model, picture);
+  record["scene"] = {{"right", judgement.right},
+                     {"why", judgement.why},
+                     {"truth", cell.capture.scene.truth},
+                     {"picture", picture.string()}};
+}
+
 void RunRotunda(const Cell& cell, const fs::path& work, CellRecord& record) {
-  const CaptureFiles files = FilesOf(cell.capture, work);
+  const CaptureFiles files = FilesOf(cell, work);
   const fs::path out = work / "runs" / NameOf(cell);
   fs::remove_all(out);
   fs::create_directories(out.parent_path());
-  fs::create_directories(files.stages.parent_path());
   const ProcessOutcome run = RunProcess(ReconstructCommand(files, cell.method.options, out));
   if (run.exit_code != 0) {
     RecordFailure(run, record);
     return;
   }
   const Json result = Json::parse(run.output);
-  RecordStages(result, record);
+  record["seconds"] = run.seconds;
+  record["stages"] = result["stages"];
   record["notes"] = result["notes"];
   RecordPoses(ParseFile(out / "poses.json"), files, record);
   if (!cell.capture.photographs.empty()) {
-    const fs::path drawing = work / "layouts" / (NameOf(cell) + ".png");
-    fs::create_directories(drawing.parent_path());
-    DrawLayout(out / "sparse" / "0", drawing);
-    record["layout"] = drawing.string();
+    RecordScene(cell, files, out / "sparse" / "0", work / "layouts" / (NameOf(cell) + ".png"),
+                record);
     return;
   }
   const ProcessOutcome evaluation = RunProcess(
@@ -121,8 +131,7 @@ void WriteDatabase(const CaptureFiles& files, const fs::path& database) {
 }
 
 void RunColmap(const Cell& cell, const fs::path& work, CellRecord& record) {
-  PrepareStages(cell.capture, work);
-  const CaptureFiles files = FilesOf(cell.capture, work);
+  const CaptureFiles files = FilesOf(cell, work);
   const fs::path out = work / "runs" / NameOf(cell);
   fs::remove_all(out);
   fs::create_directories(out / "models");
@@ -150,6 +159,8 @@ void RunColmap(const Cell& cell, const fs::path& work, CellRecord& record) {
 
 }  // namespace
 
+const char* const kRevision = ROTUNDA_REVISION;
+
 std::optional<CellRecord> ReadCell(const Cell& cell, const fs::path& work) {
   const fs::path file = RecordFile(cell, work);
   if (!fs::exists(file)) return std::nullopt;
@@ -158,7 +169,11 @@ std::optional<CellRecord> ReadCell(const Cell& cell, const fs::path& work) {
 
 CellRecord RunCell(const Cell& cell, const fs::path& work) {
   PrepareCapture(cell.capture, work);
-  CellRecord record = {{"capture", cell.capture.name}, {"method", cell.method.name}};
+  PrepareStages(FilesOf(cell, work), cell.method.front_end);
+  CellRecord record = {{"capture", cell.capture.name},
+                       {"method", cell.method.name},
+                       {"options", OptionsOf(cell.method)},
+                       {"revision", kRevision}};
   if (cell.method.is_colmap) {
     RunColmap(cell, work, record);
   } else {

@@ -2,12 +2,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 #include <vector>
 
-#include "sfm/colmap_io.h"
 #include "tests/bench/bench_process.h"
 
 namespace rotunda::bench {
@@ -121,9 +119,6 @@ cv::Mat Draw(const WorldView& view) {
 
 }  // namespace
 
-void DrawLayout(const std::filesystem::path& model, const std::filesystem::path& png) {
-  const cv::Mat drawing = Draw(ViewFromAbove(OrDie(sfm::ReadColmapModel(model))));
-  if (!cv::imwrite(png.string(), drawing)) Die("cannot write " + png.string());
-}
+cv::Mat LayoutDrawing(const sfm::ColmapModel& model) { return Draw(ViewFromAbove(model)); }
 
 }  // namespace rotunda::bench

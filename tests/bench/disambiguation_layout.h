@@ -1,11 +1,13 @@
 #pragma once
 
-#include <filesystem>
+#include <opencv2/core/mat.hpp>
+
+#include "sfm/colmap_io.h"
 
 namespace rotunda::bench {
 
-/// Draws a COLMAP model from above as a PNG: points in their colours, cameras as numbered wedges
+/// A COLMAP model from above, 8-bit BGR: points in their colours, cameras as numbered wedges
 /// (numbers: their order by name). "Above" is against the mean of the cameras' downward axes.
-void DrawLayout(const std::filesystem::path& model, const std::filesystem::path& png);
+cv::Mat LayoutDrawing(const sfm::ColmapModel& model);
 
 }  // namespace rotunda::bench

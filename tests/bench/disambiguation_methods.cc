@@ -1,5 +1,7 @@
 #include "tests/bench/disambiguation_methods.h"
 
+#include <algorithm>
+
 namespace rotunda::bench {
 namespace {
 
@@ -19,10 +21,26 @@ constexpr Reading kWithout[] = {
     {"consistent-view-graph", "consistent-view-graph", "off"},
     {"unfolding", "unfolding", "off"},
     {"obstacles", "obstacles", "off"},
+    {"piece-consensus", "piece-consensus", "off"},
+    {"matches-brought-back", "matches-brought-back", "off"},
+    {"ring-gap", "ring-gap", "off"},
+    {"single-image-doubt", "single-image-doubt", "off"},
+    {"bidirectional-cost", "bidirectional", "off"},
+    {"reprojection", "reprojection-weight", "0"},
+};
+/// What is switched off where the stages are made that the methods share.
+constexpr Reading kWithoutInFrontEnd[] = {
     {"faint-keypoints", "faint-contrast", "0.02"},
 };
 /// The published method with one of our readings; the last is a part of it switched off.
 constexpr Reading kLiteralWith[] = {
+    {"+consistent-view-graph", "literal-consistent-view-graph", "on"},
+    {"+min-edge-weight-0.05", "literal-min-edge-weight", "0.05"},
+    {"+rejected-links", "literal-rejected-links", "on"},
+    {"+min-diversity-0.65", "literal-min-diversity", "0.65"},
+    {"+diversity-inclusive", "literal-diversity-inclusive", "on"},
+    {"+labels-by-track", "literal-labels-by-track", "on"},
+    {"+max-sigma-share", "literal-max-sigma-share", "0.333"},
     {"+weighted-track-graph", "literal-weighted-track-graph", "on"},
     {"+undecided-left-out", "literal-rejected-undecided", "on"},
     {"+center-angle", "literal-center-angle", "on"},
@@ -50,6 +68,9 @@ std::vector<Method> AblationMethods() {
   for (const Reading& reading : kWithout) {
     methods.push_back({std::string("tc-sfm-") + reading.name, With(kRig, reading)});
   }
+  for (const Reading& reading : kWithoutInFrontEnd) {
+    methods.push_back({std::string("tc-sfm-") + reading.name, kRig, With({}, reading)});
+  }
   return methods;
 }
 
@@ -58,9 +79,15 @@ void Add(const std::string& group, const std::vector<Capture>& captures,
   for (const Capture& capture : captures) {
     for (const Method& method : methods) cells.push_back({group, capture, method});
     if (capture.with_colmap && group == "mean") {
-      cells.push_back({group, capture, {"colmap", {}, true}});
+      cells.push_back({group, capture, {"colmap", {}, {}, true}});
     }
   }
+}
+
+int PlaceInRun(const Method& method) {
+  if (method.is_colmap) return 3;
+  if (method.name == "tc-sfm" || method.name == "plain") return 0;
+  return method.name == "literal" ? 1 : 2;
 }
 
 }  // namespace
@@ -75,6 +102,12 @@ std::vector<Cell> PlanCells(const Groups& groups, const CaptureSize& size) {
     Add("photographs", PhotographCaptures(), {{"plain", kPlain}, {"tc-sfm", kInternet}}, cells);
   }
   return cells;
+}
+
+void SortToRun(std::vector<Cell>& cells) {
+  std::stable_sort(cells.begin(), cells.end(), [](const Cell& a, const Cell& b) {
+    return PlaceInRun(a.method) < PlaceInRun(b.method);
+  });
 }
 
 }  // namespace rotunda::bench

@@ -11,11 +11,10 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr char kSureVerdict[] = "sure";  // the verdict of a result that stands by itself
-constexpr size_t kMaxNames = 8;          // of cameras in one line
+constexpr size_t kMaxNames = 8;  // of cameras in one line
 constexpr char kHeader[] =
     "capture                               method                     reg/of   folded      models "
-    " e_r mean    max deg  e_t mean     max mm  margin  verdict  rot/sigma pos/sigma  seconds  "
+    " e_r mean    max deg  e_t mean     max mm   margin  verdict  rot/sigma pos/sigma  seconds  "
     "/colmap\n";
 
 __attribute__((format(printf, 1, 2))) std::string Format(const char* format, ...) {
@@ -27,37 +26,17 @@ __attribute__((format(printf, 1, 2))) std::string Format(const char* format, ...
   return line;
 }
 
-bool HasError(const CellRecord& record) { return record.contains("error"); }
-
-std::optional<double> Number(const Json& object, const char* key) {
-  if (!object.contains(key) || !object[key].is_number()) return std::nullopt;
-  return object[key].get<double>();
-}
-
-std::optional<double> Evaluated(const CellRecord& record, const char* key) {
-  if (!record.contains("evaluation")) return std::nullopt;
-  return Number(record["evaluation"], key);
-}
-
-bool IsFolded(const CellRecord& record) {
-  return record.contains("evaluation") && record["evaluation"]["folded"];
-}
-
-/// Whether the result itself warns.
-bool Warns(const CellRecord& record) {
-  if (record.value("says_folded", false)) return true;
-  return record.contains("verdict") && record["verdict"] != kSureVerdict;
-}
-
 std::string Cell(const std::optional<double>& value, int width, int decimals) {
   if (!value) return Format("%*s", width, "-");
   return Format("%*.*f", width, decimals, *value);
 }
 
-/// A margin that nothing contradicts is infinite, which JSON has no number for.
+/// Where a method that gives margins gives none, nothing looks alike; but a fold that only the
+/// calibration shows has no margin.
 std::string MarginText(const CellRecord& record) {
-  if (record.contains("margin") && record["margin"].is_null()) return "    inf";
-  return Cell(Number(record, "margin"), 7, 2);
+  const bool judged = record.value("gives_margins", false) && record["verdict"] != "folded";
+  if (judged && !record.contains("margin")) return Format("%8s", "no twin");
+  return Cell(Number(record, "margin"), 8, 2);
 }
 
 std::string FoldedText(const CellRecord& record) {
@@ -88,25 +67,17 @@ std::string NamedText(const CellRecord& record) {
   return text;
 }
 
-using ColmapSeconds = std::map<std::string, double>;  // by capture
-
-ColmapSeconds SecondsOfColmap(const std::vector<TableRow>& rows) {
-  ColmapSeconds seconds;
-  for (const TableRow& row : rows) {
-    const auto value = Number(row.record, "seconds");
-    if (row.record["method"] == "colmap" && value) seconds[row.record["capture"]] = *value;
-  }
-  return seconds;
+/// Of photographs: whether the copies of the object stand apart, why, and the picture of it.
+std::string ScenesText(const CellRecord& record) {
+  if (!record.contains("scene")) return "";
+  const Json& scene = record["scene"];
+  const std::string right = scene["right"].get<bool>() ? "right" : "WRONG";
+  return "    " + right + ": " + scene["why"].get<std::string>() +
+         "\n    truth: " + scene["truth"].get<std::string>() + "\n    " +
+         scene["picture"].get<std::string>() + "\n";
 }
 
-std::optional<double> OverColmap(const CellRecord& record, const ColmapSeconds& colmap) {
-  const auto theirs = colmap.find(record["capture"]);
-  const auto ours = Number(record, "seconds");
-  if (theirs == colmap.end() || !ours || record["method"] == "colmap") return std::nullopt;
-  return *ours / theirs->second;
-}
-
-std::string RowText(const CellRecord& record, const ColmapSeconds& colmap) {
+std::string RowText(const CellRecord& record, const ColmapTimes& colmap) {
   const std::string capture = record["capture"], method = record["method"];
   std::string line = Format("%-37s %-24s ", capture.c_str(), method.c_str());
   if (HasError(record)) return line + "error: " + record["error"].get<std::string>() + "\n";
@@ -122,9 +93,8 @@ std::string RowText(const CellRecord& record, const ColmapSeconds& colmap) {
   line += Format("  %-8s", verdict.c_str());
   line += Cell(Evaluated(record, "rotation_error_over_sigma"), 10, 2) +
           Cell(Evaluated(record, "position_error_over_sigma"), 10, 2) +
-          Cell(Number(record, "seconds"), 9, 1) + Cell(OverColmap(record, colmap), 9, 2) + "\n";
-  if (record.contains("layout")) line += "    " + record["layout"].get<std::string>() + "\n";
-  return line + NamedText(record);
+          Cell(Number(record, "seconds"), 9, 1) + Cell(colmap.Over(record), 9, 2) + "\n";
+  return line + ScenesText(record) + NamedText(record);
 }
 
 /// What the cells of one method in one group come to.
@@ -142,30 +112,23 @@ std::optional<double> Square(const std::optional<double>& value) {
   return value ? std::optional(*value * *value) : std::nullopt;
 }
 
-void Count(const CellRecord& record, const ColmapSeconds& colmap, Tally& tally) {
+void Count(const CellRecord& record, const ColmapTimes& colmap, Tally& tally) {
   ++tally.cells;
   if (HasError(record)) {
     ++tally.errors;
     return;
   }
-  tally.complete += record.value("registered", 0) == record.value("of", -1);
+  tally.complete += IsComplete(record);
   tally.folded += IsFolded(record);
   tally.folded_unsaid += IsFolded(record) && !Warns(record);
   tally.warned_in_vain += !IsFolded(record) && Warns(record);
   Put(Number(record, "seconds"), tally.seconds);
-  Put(OverColmap(record, colmap), tally.over_colmap);
+  Put(colmap.Over(record), tally.over_colmap);
   if (IsFolded(record)) return;
   Put(Evaluated(record, "mean_rotation_deg"), tally.rotation_deg);
   Put(Evaluated(record, "mean_position_mm"), tally.position_mm);
   Put(Square(Evaluated(record, "rotation_error_over_sigma")), tally.rotation_square);
   Put(Square(Evaluated(record, "position_error_over_sigma")), tally.position_square);
-}
-
-std::optional<double> Mean(const std::vector<double>& values) {
-  if (values.empty()) return std::nullopt;
-  double sum = 0;
-  for (double value : values) sum += value;
-  return sum / static_cast<double>(values.size());
 }
 
 std::optional<double> Median(std::vector<double> values) {
@@ -174,8 +137,7 @@ std::optional<double> Median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-std::string SummaryText(const std::vector<const CellRecord*>& records,
-                        const ColmapSeconds& colmap) {
+std::string SummaryText(const std::vector<const CellRecord*>& records, const ColmapTimes& colmap) {
   std::vector<std::pair<std::string, Tally>> tallies;
   for (const CellRecord* record : records) {
     const std::string method = (*record)["method"];
@@ -198,38 +160,108 @@ std::string SummaryText(const std::vector<const CellRecord*>& records,
   return text;
 }
 
+/// Mean seconds of the stages of one method's cells.
+struct Profile {
+  std::string method;
+  int cells = 0;
+  double whole_s = 0;  // sums
+  std::map<std::string, double> stages_s;
+};
+
+std::vector<Profile> Profiles(const std::vector<const CellRecord*>& records,
+                              std::vector<std::string>& stages) {
+  std::vector<Profile> profiles;
+  for (const CellRecord* record : records) {
+    if (HasError(*record) || !record->contains("stages")) continue;
+    const std::string method = (*record)["method"];
+    auto profile = std::find_if(profiles.begin(), profiles.end(),
+                                [&](const Profile& entry) { return entry.method == method; });
+    if (profile == profiles.end()) profile = profiles.insert(profile, {method, 0, 0, {}});
+    ++profile->cells;
+    profile->whole_s += Number(*record, "seconds").value_or(0);
+    for (const Json& stage : (*record)["stages"]) {
+      const std::string name = stage["stage"];
+      if (std::find(stages.begin(), stages.end(), name) == stages.end()) stages.push_back(name);
+      profile->stages_s[name] += stage["seconds"].get<double>();
+    }
+  }
+  return profiles;
+}
+
+std::string ProfileText(const std::vector<const CellRecord*>& records) {
+  std::vector<std::string> stages;
+  const std::vector<Profile> profiles = Profiles(records, stages);
+  if (profiles.empty()) return "";
+  const auto width = [](const std::string& stage) {
+    constexpr size_t kLeastWidth = 8;
+    return static_cast<int>(2 + std::max(kLeastWidth, stage.size()));
+  };
+  std::string text = Format("\n%-36s", "mean seconds by stage");
+  for (const std::string& stage : stages) text += Format("%*s", width(stage), stage.c_str());
+  text += Format("%10s%10s\n", "the rest", "all");
+  for (const Profile& profile : profiles) {
+    text += Format("%-36s", profile.method.c_str());
+    double rest_s = profile.whole_s;
+    for (const std::string& stage : stages) {
+      const auto found = profile.stages_s.find(stage);
+      const double sum_s = found == profile.stages_s.end() ? 0 : found->second;
+      rest_s -= sum_s;
+      text += Format("%*.2f", width(stage), sum_s / profile.cells);
+    }
+    text += Format("%10.2f%10.2f\n", rest_s / profile.cells, profile.whole_s / profile.cells);
+  }
+  return text;
+}
+
+/// Cells that these sources did not make.
+std::string OtherRevisionsText(const std::vector<const CellRecord*>& records) {
+  std::map<std::string, std::string> cells;  // by revision
+  for (const CellRecord* record : records) {
+    const std::string revision = record->value("revision", "unknown");
+    if (revision == kRevision) continue;
+    cells[revision] += "    " + (*record)["capture"].get<std::string>() + ", " +
+                       (*record)["method"].get<std::string>() + "\n";
+  }
+  std::string text;
+  for (const auto& [revision, names] : cells) {
+    text += "\nof revision " + revision + ", not of " + std::string(kRevision) +
+            " (--force runs again):\n" + names;
+  }
+  return text;
+}
+
 }  // namespace
 
 std::string TableText(const std::vector<TableRow>& rows) {
-  const ColmapSeconds colmap = SecondsOfColmap(rows);
+  const ColmapTimes colmap(rows);
   std::string text;
   for (size_t begin = 0; begin < rows.size();) {
-    const std::string& group = rows[begin].group;
+    const std::string& group = rows[begin].cell.group;
     text += (begin == 0 ? "" : "\n") + group + "\n" + kHeader;
     std::vector<const CellRecord*> records;
     size_t end = begin;
-    for (; end < rows.size() && rows[end].group == group; ++end) {
+    for (; end < rows.size() && rows[end].cell.group == group; ++end) {
       text += RowText(rows[end].record, colmap);
       records.push_back(&rows[end].record);
     }
-    text += SummaryText(records, colmap);
+    text += SummaryText(records, colmap) + ProfileText(records) + OtherRevisionsText(records);
     begin = end;
   }
   return text;
 }
 
 std::string TableJson(const std::vector<TableRow>& rows) {
-  const ColmapSeconds colmap = SecondsOfColmap(rows);
+  const ColmapTimes colmap(rows);
   Json table = Json::array();
   for (const TableRow& row : rows) {
-    Json entry = {{"group", row.group}};
+    Json entry = {{"group", row.cell.group}};
     entry.update(row.record);
-    if (const auto ratio = OverColmap(row.record, colmap)) entry["over_colmap"] = *ratio;
+    if (const auto ratio = colmap.Over(row.record)) entry["over_colmap"] = *ratio;
     table.push_back(entry);
   }
   return table.dump(1) + "\n";
 }
 
-std::string RowText(const CellRecord& record) { return RowText(record, {}); }
+std::string RowText(const CellRecord& record) { return RowText(record, ColmapTimes({})); }
 
 }  // namespace rotunda::bench

@@ -101,6 +101,41 @@ TEST_F(LiteralTcSfmTest, LabelsKeypointsAndTracksByCommunity) {
   }
 }
 
+/// Crossed pairs, many but light.
+SyntheticWorld LightlyCrossed() {
+  LookAlikeOptions options;
+  options.crossed_share = 0.3;
+  options.print_half_width_deg = 90;
+  return MakeLookAlikeWorld(options).world;
+}
+
+TEST_F(LiteralTcSfmTest, TheConsistentViewGraphInFrontOfItTakesTheCrossedPairs) {
+  const SyntheticWorld world = LightlyCrossed();
+  LiteralOptions options;
+  options.min_edge_weight = 0;  // so that the paper's threshold takes none of them
+  const auto literal = Run(world, options);
+  options.consistent_view_graph = true;
+  const auto consistent = Run(world, options);
+  ASSERT_TRUE(literal && consistent);
+  const auto error_rad = [&](const LiteralResult& result) {
+    return ErrorsOf(result.models.models[0], world.cam_from_world).max_rotation_rad;
+  };
+  EXPECT_GT(error_rad(*literal), RadFromDeg(10));
+  EXPECT_LT(error_rad(*consistent), RadFromDeg(0.5));
+}
+
+TEST_F(LiteralTcSfmTest, RejectedLinksNameWhatLooksAlike) {
+  const SyntheticWorld world = LightlyCrossed();
+  LiteralOptions options;
+  options.segments.sign = AmbiguitySign::kRejectedLinks;
+  options.min_edge_weight = 0.5;  // so that no track runs through a crossed pair
+  const auto literal = Run(world, options);
+  ASSERT_TRUE(literal) << literal.error().ToString();
+  size_t named = 0;
+  for (const Segment& segment : literal->segments.segments) named += !segment.look_alikes.empty();
+  EXPECT_GT(named, 0u);
+}
+
 TEST_F(LiteralTcSfmTest, GivesTheSameBytesOnAnyNumberOfThreads) {
   const SyntheticWorld world = MakeLookAlikeWorld(FoldingOptions()).world;
   ThreadPool single(1);

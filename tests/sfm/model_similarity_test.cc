@@ -103,7 +103,6 @@ TEST_F(ModelSimilarityTest, CrossPairsGiveTheSimilarity) {
   const auto verdict = pair.Estimate(pair.Links());
   ExpectNear(pair, verdict);
   EXPECT_EQ(verdict.evidence.common_cameras, 0u);
-  EXPECT_GE(verdict.evidence.shared_points, 100u);
 }
 
 TEST_F(ModelSimilarityTest, BaselinesAloneGiveTheScale) {
@@ -111,7 +110,6 @@ TEST_F(ModelSimilarityTest, BaselinesAloneGiveTheScale) {
   pair.source.points.clear();
   pair.target.points.clear();
   const auto verdict = pair.Estimate(pair.Links());
-  EXPECT_EQ(verdict.evidence.shared_points, 0u);
   ExpectNear(pair, verdict);
 }
 
@@ -132,7 +130,6 @@ TEST_F(ModelSimilarityTest, TwoCommonCamerasDoWithoutSharedPoints) {
     std::erase_if(link.points, [](const LinkedPoint& p) { return p.source_point.has_value(); });
   }
   const auto verdict = pair.Estimate(links);
-  EXPECT_EQ(verdict.evidence.shared_points, 0u);
   // One baseline of 0.6 m whose ends are known to a millimetre.
   EXPECT_LT(verdict.evidence.scale_sigma, 3 * 0.001 * std::sqrt(2.0) / 0.6);
   ExpectNear(pair, verdict, kFewCamerasSeam_rad);

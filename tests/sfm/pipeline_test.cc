@@ -3,7 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <functional>
+#include <string>
 #include <vector>
+
+#include "sfm/presets.h"
 
 namespace rotunda::sfm {
 namespace {
@@ -92,6 +95,30 @@ TEST(RunPipeline, TracksToStartFromAreThePlainMethods) {
   EXPECT_TRUE(options.Validate().ok());
   options.start_from = Stage::kMatches;
   EXPECT_FALSE(options.Validate().ok()) << "matches come from one place";
+}
+
+TEST(RunPipeline, FeaturesThatAreThereAreNotMadeByASetting) {
+  for (const char* key : {"contrast", "faint-contrast"}) {
+    PipelineOptions options;
+    options.stages_folder = "/nonexistent";
+    ASSERT_TRUE(SetOption(key, "0.01", options).ok()) << key;
+    EXPECT_TRUE(options.Validate().ok()) << key;
+    PipelineOptions of_database = options;
+    of_database.database = "/nonexistent/database.db";
+    const Status refused = of_database.Validate();
+    ASSERT_FALSE(refused.ok()) << key;
+    EXPECT_EQ(refused.error().ToString(),
+              std::string(key) +
+                  ": has no effect on features that are taken from a database; leave it out, or "
+                  "make the features anew");
+    for (const Stage stage : {Stage::kFeatures, Stage::kMatches, Stage::kTwoViews}) {
+      options.start_from = stage;
+      EXPECT_FALSE(options.Validate().ok()) << key;
+    }
+    options.settings.clear();
+    ASSERT_TRUE(SetOption("unfolding", "off", options).ok());
+    EXPECT_TRUE(options.Validate().ok());
+  }
 }
 
 TEST(RunPipeline, NeedsThreePictures) {

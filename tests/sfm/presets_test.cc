@@ -73,6 +73,18 @@ TEST(SetOption, SwitchesGoOnAndOff) {
       {"unfolding", [](PipelineOptions& o) -> bool& { return o.tc_sfm.unfolding; }},
       {"obstacles", [](PipelineOptions& o) -> bool& { return o.tc_sfm.covisibility.obstacles; }},
       {"bidirectional", [](PipelineOptions& o) -> bool& { return o.tc_sfm.merging.bidirectional; }},
+      {"piece-consensus",
+       [](PipelineOptions& o) -> bool& { return o.tc_sfm.consistency.piece_consensus; }},
+      {"matches-brought-back",
+       [](PipelineOptions& o) -> bool& { return o.tc_sfm.matches_brought_back; }},
+      {"single-image-doubt",
+       [](PipelineOptions& o) -> bool& { return o.tc_sfm.single_image_doubt; }},
+      {"literal-consistent-view-graph",
+       [](PipelineOptions& o) -> bool& { return o.literal.consistent_view_graph; }},
+      {"literal-diversity-inclusive",
+       [](PipelineOptions& o) -> bool& { return o.literal.segments.diversity_inclusive; }},
+      {"literal-labels-by-track",
+       [](PipelineOptions& o) -> bool& { return o.literal.correction.labels_by_track; }},
       {"literal-weighted-track-graph",
        [](PipelineOptions& o) -> bool& { return o.literal.track_graph.weighted; }},
       {"literal-mean-cost",
@@ -97,6 +109,12 @@ TEST(SetOption, NumbersAreReadToTheirEnd) {
   const std::vector<std::pair<const char*, Field>> numbers = {
       {"reprojection-weight",
        [](PipelineOptions& o) -> double& { return o.tc_sfm.merging.reprojection_weight; }},
+      {"literal-min-edge-weight",
+       [](PipelineOptions& o) -> double& { return o.literal.min_edge_weight; }},
+      {"literal-min-diversity",
+       [](PipelineOptions& o) -> double& { return o.literal.segments.min_diversity; }},
+      {"literal-max-sigma-share",
+       [](PipelineOptions& o) -> double& { return o.literal.correction.max_sigma_share; }},
       {"literal-reprojection-weight",
        [](PipelineOptions& o) -> double& { return o.literal.merging.reprojection_weight; }},
       {"contrast", [](PipelineOptions& o) -> double& { return o.features.contrast_threshold; }},
@@ -152,6 +170,22 @@ TEST(SetOption, ReadingsOfTheCorrectionHaveTwoStates) {
   EXPECT_EQ(correction.next, NextImage::kStrongestLink);
   ASSERT_TRUE(SetOption("literal-strongest-link-next", "off", options).ok());
   EXPECT_EQ(correction.next, NextImage::kMostPrimaryPoints);
+}
+
+TEST(SetOption, TheSignOfAmbiguityHasTwoStates) {
+  PipelineOptions options = OptionsFor("literal-");
+  ASSERT_TRUE(SetOption("literal-rejected-links", "on", options).ok());
+  EXPECT_EQ(options.literal.segments.sign, AmbiguitySign::kRejectedLinks);
+  ASSERT_TRUE(SetOption("literal-rejected-links", "off", options).ok());
+  EXPECT_EQ(options.literal.segments.sign, AmbiguitySign::kDiversity);
+}
+
+TEST(SetOption, TheGapInTheRingIsTheRigs) {
+  PipelineOptions options;
+  ASSERT_TRUE(SetOption("ring-gap", "off", options).ok());
+  EXPECT_FALSE(options.tc_sfm.max_gap_deg.has_value());
+  ASSERT_TRUE(SetOption("ring-gap", "on", options).ok());
+  EXPECT_EQ(options.tc_sfm.max_gap_deg, TcSfmOptions().max_gap_deg);
 }
 
 TEST(SetOption, ARefusedValueChangesNothing) {

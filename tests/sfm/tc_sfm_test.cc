@@ -180,6 +180,60 @@ TEST_F(TcSfmTest, WhatIsSureIsRight) {
   EXPECT_GT(wrong, 2u) << "the worlds are too easy to prove anything";
 }
 
+TEST_F(TcSfmTest, ASingleImageInDoubtCanBeLeftOutOfTheVerdict) {
+  // The heaviest edge of two images has matches that disagree with their poses.
+  SyntheticWorld world = MakeSyntheticWorld({});
+  ViewGraphEdge& edge = world.view_graph.edges[0];
+  edge.weight = 0.99;
+  std::vector<Match>& matches = world.two_views.pairs[edge.two_view].inliers;
+  ASSERT_GE(matches.size(), 20u);
+  matches.resize(20);
+  const KeypointId first = matches[0].second;
+  for (size_t k = 0; k + 1 < matches.size(); ++k) matches[k].second = matches[k + 1].second;
+  matches.back().second = first;
+  const auto in_doubt = Run(world);
+  ASSERT_TRUE(in_doubt) << in_doubt.error().ToString();
+  EXPECT_EQ(in_doubt->doubtful, (std::vector<ImageId>{edge.pair.first, edge.pair.second}));
+  EXPECT_EQ(in_doubt->verdict, Verdict::kUnsure);
+  TcSfmOptions without;
+  without.single_image_doubt = false;
+  const auto result = Run(world, without);
+  ASSERT_TRUE(result) << result.error().ToString();
+  EXPECT_TRUE(result->doubtful.empty());
+  EXPECT_EQ(result->verdict, Verdict::kSure) << result->reason;
+  EXPECT_EQ(test::Difference(result->models.models, in_doubt->models.models), "");
+}
+
+size_t ObservationsOf(const Reconstruction& model) {
+  size_t observations = 0;
+  for (const Point3& point : model.points) observations += point.observations.size();
+  return observations;
+}
+
+TEST_F(TcSfmTest, MatchesThatTheDraftDidWithoutAreBroughtBack) {
+  // All pairs of the first image but its heaviest have right matches and wrong rotations, each
+  // another one, so that the consistent view graph leaves them out.
+  SyntheticWorld world = MakeSyntheticWorld({});
+  bool is_heaviest = true;
+  double off_deg = 20;
+  for (const size_t e : EdgesByWeight(world.view_graph)) {
+    const ViewGraphEdge& edge = world.view_graph.edges[e];
+    if (edge.pair.first != ImageId(0)) continue;
+    if (!is_heaviest) {
+      Eigen::Quaterniond& rotation =
+          world.two_views.pairs[edge.two_view].second_from_first.rotation;
+      rotation = Eigen::AngleAxisd(RadFromDeg(off_deg += 20), Eigen::Vector3d::UnitZ()) * rotation;
+    }
+    is_heaviest = false;
+  }
+  TcSfmOptions without;
+  without.matches_brought_back = false;
+  const auto all = Run(world), drafted = Run(world, without);
+  ASSERT_TRUE(all && drafted);
+  ASSERT_TRUE(all->models.unregistered.empty() && drafted->models.unregistered.empty());
+  EXPECT_GT(ObservationsOf(all->models.models[0]), ObservationsOf(drafted->models.models[0]));
+}
+
 /// The same folded model, told where the cameras of a rig stand and not told.
 TEST_F(TcSfmTest, AWholeFoldThatNothingContradictsLeavesHalfTheRingEmpty) {
   LookAlikeOptions world_options;

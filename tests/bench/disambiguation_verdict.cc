@@ -1,0 +1,154 @@
+#include "tests/bench/disambiguation_verdict.h"
+
+#include <algorithm>
+#include <string>
+#include <tuple>
+
+namespace rotunda::bench {
+namespace {
+
+constexpr char kOurs[] = "tc-sfm";
+
+/// Mean errors in pictures of 1200x1600; in smaller ones so much more.
+constexpr double kMaxRotation_deg = 0.03, kMaxPosition_mm = 2.0;
+/// On `unique` both methods adjust nearly the same observations: what they differ by is chance.
+constexpr double kNoWorse = 1.05;
+/// Of measured error / predicted sigma, mean square over the mean set.
+constexpr double kLeastSquare = 0.7, kMostSquare = 1.5;
+
+/// Mean share of colmap's time.
+struct TimeLimit {
+  const char* garment;
+  double of_colmap;
+};
+constexpr TimeLimit kTimeLimits[] = {{"unique", 0.5}, {"twin", 0.25}, {"twin-symmetric", 0.25}};
+
+bool IsMean(const TableRow& row) {
+  return row.cell.group == "mean" || row.cell.group == "full-size";
+}
+
+const CellRecord* Find(const std::vector<TableRow>& rows, const TableRow& same_capture,
+                       const std::string& method) {
+  const auto found = std::find_if(rows.begin(), rows.end(), [&](const TableRow& row) {
+    return row.cell.group == same_capture.cell.group && row.cell.method.name == method &&
+           row.cell.capture.name == same_capture.cell.capture.name;
+  });
+  return found == rows.end() ? nullptr : &found->record;
+}
+
+void JudgeErrors(const TableRow& row, const CellRecord* plain, Limits& limits) {
+  const Capture& capture = row.cell.capture;
+  const bool compare =
+      capture.garment == "unique" && plain != nullptr && !HasError(*plain) && !IsFolded(*plain);
+  for (const auto& [key, what, limit] :
+       {std::tuple{"mean_rotation_deg", ": mean rotation, deg", kMaxRotation_deg},
+        std::tuple{"mean_position_mm", ": mean position, mm", kMaxPosition_mm}}) {
+    const double error = Evaluated(row.record, key).value();
+    limits.AtMost(capture.name + what, error, limit / capture.scale);
+    if (!compare) continue;
+    limits.AtMost(capture.name + what + ", beside plain's", error,
+                  kNoWorse * Evaluated(*plain, key).value());
+  }
+}
+
+void JudgeMean(const std::vector<TableRow>& rows, Limits& limits) {
+  for (const TableRow& row : rows) {
+    if (!IsMean(row) || row.cell.method.name != kOurs) continue;
+    const std::string& name = row.cell.capture.name;
+    limits.Must(name + ": tc-sfm gives a result", !HasError(row.record));
+    if (HasError(row.record)) continue;
+    limits.Must(name + ": tc-sfm registers all cameras", IsComplete(row.record));
+    limits.Must(name + ": tc-sfm does not fold", !IsFolded(row.record));
+    if (IsFolded(row.record)) continue;
+    JudgeErrors(row, Find(rows, row, "plain"), limits);
+  }
+}
+
+bool NamesTheRightCameras(const CellRecord& record) {
+  for (const char* what : {"moved", "swapped"}) {
+    if (!record.contains("expected")) continue;
+    if (record[what] != record["expected"][what]) return false;
+  }
+  return true;
+}
+
+void JudgeStress(const std::vector<TableRow>& rows, Limits& limits) {
+  for (const TableRow& row : rows) {
+    if (row.cell.group != "stress" || row.cell.method.name != kOurs) continue;
+    const CellRecord& record = row.record;
+    const bool right = !HasError(record) && !IsFolded(record) && NamesTheRightCameras(record);
+    limits.Must(row.cell.capture.name + ": tc-sfm is right, or says that it is not sure",
+                right || Warns(record) || record.value("refused", false));
+  }
+}
+
+void JudgePhotographs(const std::vector<TableRow>& rows, Limits& limits) {
+  for (const TableRow& row : rows) {
+    if (row.cell.group != "photographs" || row.cell.method.name != kOurs) continue;
+    const bool right = row.record.contains("scene") && row.record["scene"]["right"];
+    limits.Must(row.cell.capture.name + ": tc-sfm sets the copies apart", right);
+  }
+}
+
+/// A set on which nothing folds proves nothing.
+void JudgeMeanness(const std::vector<TableRow>& rows, Limits& limits) {
+  for (const char* method : {"plain", "colmap"}) {
+    int all = 0, folded = 0;
+    for (const TableRow& row : rows) {
+      if (row.cell.group != "mean" || row.cell.capture.garment != "twin-symmetric") continue;
+      if (row.cell.method.name != method || HasError(row.record)) continue;
+      ++all;
+      folded += IsFolded(row.record);
+    }
+    limits.Must("the captures are mean enough that " + std::string(method) +
+                    " folds on most of twin-symmetric: on " + std::to_string(folded) + " of " +
+                    std::to_string(all),
+                all == 0 || 2 * folded > all);
+  }
+}
+
+void JudgeSigmas(const std::vector<TableRow>& rows, Limits& limits) {
+  for (const char* key : {"rotation_error_over_sigma", "position_error_over_sigma"}) {
+    std::vector<double> squares;
+    for (const TableRow& row : rows) {
+      if (row.cell.group != "mean" || row.cell.method.name != kOurs || IsFolded(row.record))
+        continue;
+      const auto ratio = Evaluated(row.record, key);
+      if (ratio) squares.push_back(*ratio * *ratio);
+    }
+    const auto mean = Mean(squares);
+    if (!mean) continue;
+    const std::string what = std::string("mean square of ") + key;
+    limits.AtLeast(what, *mean, kLeastSquare);
+    limits.AtMost(what, *mean, kMostSquare);
+  }
+}
+
+void JudgeTimes(const std::vector<TableRow>& rows, Limits& limits) {
+  const ColmapTimes colmap(rows);
+  for (const TimeLimit& limit : kTimeLimits) {
+    std::vector<double> ratios;
+    for (const TableRow& row : rows) {
+      if (row.cell.group != "mean" || row.cell.method.name != kOurs) continue;
+      if (row.cell.capture.garment != limit.garment) continue;
+      const auto ratio = colmap.Over(row.record);
+      if (ratio) ratios.push_back(*ratio);
+    }
+    const auto mean = Mean(ratios);
+    if (!mean) continue;
+    limits.AtMost(std::string(limit.garment) + ": mean time over colmap's", *mean, limit.of_colmap);
+  }
+}
+
+}  // namespace
+
+void JudgeRows(const std::vector<TableRow>& rows, Limits& limits) {
+  JudgeMean(rows, limits);
+  JudgeMeanness(rows, limits);
+  JudgeSigmas(rows, limits);
+  JudgeTimes(rows, limits);
+  JudgeStress(rows, limits);
+  JudgePhotographs(rows, limits);
+}
+
+}  // namespace rotunda::bench
