@@ -145,17 +145,14 @@ CREATE TABLE unregistered (
 ) STRICT, WITHOUT ROWID;
 )sql";
 
-// For how long a camera has been beyond its limit: without them thousands of rows are read for one
+// For how long a camera has been beyond its limit: without it thousands of rows are read for one
 // that stays there.
-constexpr std::string_view kDriftIndexes = R"sql(
-CREATE INDEX drift_within_limit ON drift(calibration, camera, captured_at, capture)
-  WHERE beyond_limit = 0;
-CREATE INDEX drift_beyond_limit ON drift(calibration, camera, captured_at, capture)
-  WHERE beyond_limit = 1;
+constexpr std::string_view kDriftIndex = R"sql(
+CREATE INDEX drift_by_limit ON drift(calibration, camera, beyond_limit, captured_at, capture);
 )sql";
 
 constexpr std::array<std::string_view, 4> kSteps = {kFirstSchema, kJobIndexes, kUnregistered,
-                                                    kDriftIndexes};
+                                                    kDriftIndex};
 
 Status CheckOwner(Database& database, int64_t version) {
   ROTUNDA_ASSIGN_OR_RETURN(const int64_t owner, database.Number("PRAGMA application_id"));

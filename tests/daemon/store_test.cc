@@ -399,11 +399,11 @@ TEST(StoreSchema, HowLongACameraHasBeenBeyondItsLimitIsCountedInAnIndex) {
   const std::string of_camera = " FROM drift WHERE calibration = 'a' AND camera = 'b' AND ";
   EXPECT_NE(PlanOf(state.store(), "SELECT captured_at, capture" + of_camera +
                                       "beyond_limit = 0 ORDER BY captured_at DESC, capture DESC")
-                .find("COVERING INDEX drift_within_limit"),
+                .find("COVERING INDEX drift_by_limit"),
             std::string::npos);
   EXPECT_NE(PlanOf(state.store(), "SELECT count(*)" + of_camera +
                                       "beyond_limit = 1 AND (captured_at, capture) > ('c', 'd')")
-                .find("COVERING INDEX drift_beyond_limit"),
+                .find("COVERING INDEX drift_by_limit"),
             std::string::npos);
 }
 
