@@ -160,7 +160,7 @@ class Api : public testing::Test {
   }
 
   test::DaemonState state_;
-  Status room_ = CheckDiskReserve("/", uint64_t{1} << 60);  // for calibrations
+  Status room_ = CheckDiskReserve(state_.store(), uint64_t{1} << 60);  // for calibrations
   CaptureStation station_;
   std::unique_ptr<JobQueue> jobs_;
   std::unique_ptr<Router> router_;

@@ -115,7 +115,7 @@ TEST(SimulateFrameSet, AMovedCameraIsNotWhereItsCalibrationHasIt) {
         << i;
     // What was in the middle is left of it now.
     const Eigen::Vector3d seen = now * (old.Inverse() * Eigen::Vector3d(0, 0, 1));
-    if (is_turned) EXPECT_NEAR(seen.x(), -std::sin(RadFromDeg(turn_deg)), 1e-12);
+    EXPECT_NEAR(seen.x(), is_turned ? -std::sin(RadFromDeg(turn_deg)) : -expected_m, 1e-12);
     const std::string file = "frames/" + was->cameras[i].camera + ".png";
     EXPECT_EQ(*ReadFile(before / file) == *ReadFile(after / file), expected_m == 0 && !is_turned)
         << i;
