@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "revision.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/evaluate.h"
 #include "sfm/core/file_io.h"
@@ -12,6 +11,7 @@
 #include "tests/bench/bench_process.h"
 #include "tests/bench/colmap_mapper.h"
 #include "tests/bench/disambiguation_photographs.h"
+#include "tests/bench/revision.h"
 
 namespace rotunda::bench {
 namespace {
