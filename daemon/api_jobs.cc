@@ -126,6 +126,9 @@ std::vector<Route> JobRoutes(const ApiParts& parts) {
        .operation = "cancelJob",
        .summary = "Cancel a job; one that runs ends within a second or two",
        .schema = "Job",
+       .refusals = {{409,
+                     "The job has ended, or it is a capture whose shot is taken and waits for the "
+                     "disk, which is not given up: `detail` says why"}},
        .handle =
            [parts](const ApiRequest& request) {
              return WithJob(request, [&](int64_t number) { return parts.jobs.Cancel(number); });

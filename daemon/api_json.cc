@@ -39,6 +39,7 @@ Json ToJson(const CaptureRecord& capture) {
 
 Json ToJson(const FrameRecord& frame) {
   Json object = {{"camera", frame.camera}, {"serial", frame.serial}, {"status", frame.status}};
+  AddIfAny(object, "reason", frame.reason);
   object["has_picture"] = !frame.file.empty();
   AddIfAny(object, "xxh3", frame.xxh3);
   object["width"] = frame.width_px;
@@ -55,6 +56,7 @@ Json ToJson(const CalibrationRecord& calibration) {
   AddIfKnown(object, "activated_at", calibration.activated_at);
   AddIfKnown(object, "rms_px", calibration.rms_px);
   AddIfKnown(object, "held_out_rms_px", calibration.held_out_rms_px);
+  if (!calibration.made_from.empty()) object["made_from"] = Stored(calibration.made_from);
   if (calibration.files_gone) object["files_gone"] = true;
   return object;
 }

@@ -94,21 +94,30 @@ void LookAtDisks(const ApiParts& parts, Overview& overview) {
   }
 }
 
-void LookAtDevices(const ApiParts& parts, Overview& overview) {
-  const std::vector<rig::CameraState> states = parts.station.States();
-  overview.cameras = states.size();
+void LookAtCameras(const CaptureStation& station, Overview& overview) {
+  const std::vector<rig::CameraState> states = station.States();
+  overview.cameras = station.CameraNames().size();
   for (const rig::CameraState& state : states) {
     if (state.condition != rig::CameraCondition::kReady) {
       overview.not_ready.push_back(state.camera);
     }
   }
-  if (states.empty()) overview.problems.push_back("the cameras are not open");
-  if (!overview.not_ready.empty()) {
+  if (states.empty()) {
+    overview.not_ready = station.CameraNames();
+    const std::optional<Error> trouble = station.OpenTrouble();
+    overview.problems.push_back("the cameras are not open" +
+                                (trouble ? ": " + trouble->ToString() : std::string()) +
+                                "; the next capture tries again");
+  } else if (!overview.not_ready.empty()) {
     overview.problems.push_back(std::to_string(overview.not_ready.size()) + " of " +
                                 std::to_string(states.size()) +
                                 " cameras are not ready: " + ListOfNames(overview.not_ready) +
                                 "; /v1/cameras and `rotunda cameras` say why");
   }
+}
+
+void LookAtDevices(const ApiParts& parts, Overview& overview) {
+  LookAtCameras(parts.station, overview);
   if (const auto trouble = parts.station.DiskTrouble()) {
     overview.problems.push_back("a shot cannot be written and waits in memory: " +
                                 trouble->error.ToString());
@@ -116,6 +125,10 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
   LookAtDisks(parts, overview);
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
   if (const auto trouble = parts.jobs.Trouble()) overview.problems.push_back(*trouble);
+  if (const auto trouble = parts.reload_trouble ? parts.reload_trouble() : std::nullopt) {
+    overview.problems.push_back("the configuration was not reloaded and is kept as it was: " +
+                                *trouble);
+  }
 }
 
 /// Cameras that are not where the calibration has them, or that nobody knows the place of.
@@ -138,6 +151,21 @@ Status LookAtDrift(Store& store, Overview& overview) {
   return {};
 }
 
+/// Names the cameras whose frames the newest capture lacks.
+Status LookAtFrames(Store& store, const CaptureRecord& capture, Overview& overview) {
+  if (capture.ok_frames == capture.frames) return {};
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<FrameRecord> frames, ListFrames(store, capture.id));
+  std::vector<std::string> bad;
+  for (const FrameRecord& frame : frames) {
+    if (frame.status != "ok") bad.push_back(frame.camera);
+  }
+  overview.problems.push_back(
+      "the last capture, " + capture.id + ", has " + std::to_string(capture.ok_frames) + " of " +
+      std::to_string(capture.frames) + " frames: without " + ListOfNames(bad) +
+      "; `rotunda captures " + capture.id + "` says why");
+  return {};
+}
+
 /// Says so when the newest captures that were reconstructed are all not sure, as many as it takes
 /// to name a camera, or half of those looked at. Those that wait for their reconstruction say
 /// nothing yet.
@@ -145,7 +173,10 @@ Status LookAtVerdicts(Store& store, Overview& overview) {
   const size_t captures_to_tell = std::min(store.options().drift.captures, kCapturesLookedAt / 2);
   ROTUNDA_ASSIGN_OR_RETURN(const auto newest,
                            ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}));
-  if (!newest.items.empty()) overview.last_capture = newest.items.front();
+  if (!newest.items.empty()) {
+    overview.last_capture = newest.items.front();
+    ROTUNDA_RETURN_IF_ERROR(LookAtFrames(store, newest.items.front(), overview));
+  }
   std::vector<CaptureRecord> not_sure;
   for (const CaptureRecord& capture : newest.items) {
     if (!capture.reconstruction) continue;

@@ -276,13 +276,23 @@ Result<rig::RigCalibration> Solve(const CalibrationTask& task, const rig::BoardS
   return rig::CalibrateRig(task.board, sightings, options, context);
 }
 
+/// What made_from.json says.
+std::string MadeFrom(const CalibrationTask& task, const CalibrationRequest& request) {
+  Json made_from = {{"captures", request.captures}, {"board", task.board.name}};
+  if (!request.intrinsics_from) made_from["model"] = request.model;
+  if (request.frame_from) made_from["frame_from"] = *request.frame_from;
+  if (request.intrinsics_from) made_from["intrinsics_from"] = *request.intrinsics_from;
+  return made_from.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
 Status WriteFolder(const CalibrationTask& task, const CalibrationOutcome& outcome,
-                   const fs::path& out) {
+                   const std::string& made_from, const fs::path& out) {
   ROTUNDA_ASSIGN_OR_RETURN(OutputFolder folder, OutputFolder::Begin(out));
   ROTUNDA_RETURN_IF_ERROR(
       WriteNewFile(folder.path() / "report.html", CalibrationPage(task, outcome)));
   ROTUNDA_RETURN_IF_ERROR(
       WriteNewFile(folder.path() / "calibration.json", CalibrationToJson(outcome.calibration)));
+  ROTUNDA_RETURN_IF_ERROR(WriteNewFile(folder.path() / kMadeFromName, made_from));
   return folder.Commit();
 }
 
@@ -327,7 +337,9 @@ Result<std::string> Run(Store& store, const CalibrationJobOptions& options, cons
     ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
   }
   outcome.calibration.id = id;
-  ROTUNDA_RETURN_IF_ERROR(WriteFolder(task, outcome, store.CalibrationFolder(id)));
+  outcome.calibration.created_at = store.Now();  // only the id is of the newest shot
+  ROTUNDA_RETURN_IF_ERROR(
+      WriteFolder(task, outcome, MadeFrom(task, request), store.CalibrationFolder(id)));
   ROTUNDA_RETURN_IF_ERROR(RecordCalibration(store, id));
   return ResultOf(outcome);
 }

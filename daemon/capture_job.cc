@@ -93,12 +93,13 @@ void WaitForCameras(rig::CaptureSession& session, milliseconds patience, JobCont
   }
 }
 
-/// Waits for the disk. A set that cannot be written stays in memory until it can, or the job is
-/// stopped; one that nothing is the matter with is written then all the same. What the writer has
-/// set aside is tried again too: `out` is the store's own folder, and somebody may mend it. Tells
-/// of progress only when the writer shows some: one that hangs is a case for the watchdog.
+/// Waits for the disk. A set that cannot be written stays in memory until it can, or `patience` is
+/// over. What the writer has set aside is tried again too: `out` is the store's own folder, and
+/// somebody may mend it. Tells of progress only when the writer shows some: one that hangs is a
+/// case for the watchdog.
 Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWriter::Ticket ticket,
-                                    const std::filesystem::path& out, JobContext& context) {
+                                    const std::filesystem::path& out, const DiskPatience& patience,
+                                    JobContext& context) {
   std::stop_source at_once;
   at_once.request_stop();
   std::optional<uint64_t> told;
@@ -109,12 +110,9 @@ Result<rig::WrittenSet> WaitForDisk(rig::FrameSetWriter& writer, rig::FrameSetWr
     const uint64_t signs = writer.signs_of_life();  // before the trouble, which changes first
     const auto trouble = writer.trouble();
     const bool in_trouble = set_aside || (trouble && trouble->out == out);
-    if (context.stop.stop_requested() && in_trouble) break;
-    if (told != signs) {
-      context.progress(trouble ? "waiting for the disk: " + trouble->error.ToString() : "writing",
-                       0, 1);
-      told = signs;
-    }
+    if (in_trouble && !patience(set_aside ? written.error() : trouble->error)) break;
+    if (told != signs) context.progress(trouble ? kWaitingForDisk : "writing", 0, 1);
+    told = signs;
     std::this_thread::sleep_for(set_aside ? kMendInterval : kPollInterval);
     if (set_aside) ROTUNDA_RETURN_IF_ERROR(writer.Redirect(ticket, out));
   }
@@ -195,15 +193,83 @@ Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot
   return result;
 }
 
-/// RecordCapture, again and again while the disk refuses, until the job is stopped: the shot is
-/// taken, and the next start finds it on the disk.
+/// A shot that is taken and that the disk refuses: says so once, and waits until the daemon has
+/// been ending for as long as it may.
+class ShotWait {
+ public:
+  ShotWait(Store& store, const CaptureJobOptions& options, const std::string& id,
+           JobContext& context)
+      : store_(store), options_(options), id_(id), context_(context) {}
+
+  /// While the disk refuses it for this reason: whether to wait on.
+  bool GoesOn(const Error& why) {
+    if (!since_) Begin(why);
+    const auto ending = context_.ending();
+    given_up_ = ending && *ending >= options_.end_patience;
+    return !given_up_;
+  }
+  bool given_up() const { return given_up_; }
+
+  /// What to say of a shot that is given up, and has not been written all the same.
+  Error Lost(const Error& why) const {
+    const Error lost{ErrorCode::kIo,
+                     "is lost: the disk refused it for " + Seconds() +
+                         ", until the end of the daemon (" + why.ToString() + ")",
+                     "shot " + id_};
+    store_.FreeSpareRoom();
+    Tell("capture_lost", lost);
+    return lost;
+  }
+  /// Likewise of one that is on the disk, but not in the database.
+  Error NotRecorded(const Error& why) const {
+    return {ErrorCode::kIo,
+            "is on the disk, and the next start takes it into the database, which refused it for " +
+                Seconds() + " (" + why.ToString() + ")",
+            "shot " + id_};
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  void Begin(const Error& why) {
+    since_ = Clock::now();
+    const Error waits{ErrorCode::kIo,
+                      "is taken and waits for the disk (" + why.ToString() + "): make room there",
+                      "shot " + id_};
+    context_.refuse_cancel(waits.ToString() + "; it is not given up");
+    Tell("capture_waits", waits);
+  }
+  void Tell(const char* kind, const Error& what) const {
+    const Json data = {{"reason", what.message}};
+    const std::string text = data.dump(-1, ' ', false, Json::error_handler_t::replace);
+    const Status stored = store_.Write([&](Database&, std::vector<EventRecord>& events) {
+      events.push_back({0, "", kind, id_, text});
+      return Status();
+    });
+    if (!stored && options_.tell) options_.tell(what.ToString());
+  }
+  std::string Seconds() const {
+    const auto waited = std::chrono::duration_cast<std::chrono::seconds>(Clock::now() - *since_);
+    return std::to_string(waited.count()) + " s";
+  }
+
+  Store& store_;
+  const CaptureJobOptions& options_;
+  const std::string& id_;
+  JobContext& context_;
+  std::optional<Clock::time_point> since_;
+  bool given_up_ = false;
+};
+
+/// RecordCapture, again and again while the disk refuses.
 Result<CaptureRecord> RecordInTheEnd(Store& store, const std::string& id,
-                                     const std::optional<NewJob>& follow_up, JobContext& context) {
+                                     const std::optional<NewJob>& follow_up, ShotWait& wait,
+                                     JobContext& context) {
   while (true) {
     Result<CaptureRecord> capture = RecordCapture(store, id, follow_up);
     if (capture || capture.error().code != ErrorCode::kIo) return capture;
-    if (context.stop.stop_requested()) return capture;
-    context.progress("waiting for the disk: " + capture.error().ToString(), 0, 1);
+    if (!wait.GoesOn(capture.error())) return wait.NotRecorded(capture.error());
+    context.progress(kWaitingForDisk, 0, 1);
     std::this_thread::sleep_for(kMendInterval);
   }
 }
@@ -253,18 +319,21 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
   std::string id = job.product;
   std::optional<rig::Shot> shot;
   std::vector<std::string> notes;
+  ShotWait wait(store, options, id, context);
   if (!HasShot(id)) {
     ROTUNDA_RETURN_IF_ERROR(CheckRoom());
     // Also when an earlier run had reserved one: an id tells when its shot was taken.
     ROTUNDA_ASSIGN_OR_RETURN(id, FreeCaptureId(store));
     ROTUNDA_RETURN_IF_ERROR(SetJobProduct(store, job.number, id));
     ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request, notes));
-    ROTUNDA_ASSIGN_OR_RETURN(CaptureStation::Taken taken, station.Take(std::move(order), context));
-    shot = std::move(taken.shot);
+    Result<CaptureStation::Taken> taken = station.Take(
+        std::move(order), [&wait](const Error& why) { return wait.GoesOn(why); }, context);
+    if (!taken) return wait.given_up() ? wait.Lost(taken.error()) : taken.error();
+    shot = std::move(taken->shot);
   }
   const std::optional<NewJob> follow_up = FollowUp(request, id);
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture,
-                           RecordInTheEnd(store, id, follow_up, context));
+                           RecordInTheEnd(store, id, follow_up, wait, context));
   return ResultOf(capture, shot, notes).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
@@ -303,14 +372,19 @@ rig::Shot FactsOf(const rig::Shot& shot) {
 
 CaptureStation::CaptureStation(Options options) : options_(std::move(options)), writer_(0) {}
 
+Result<std::unique_ptr<rig::CaptureSession>> CaptureStation::NewSession() const {
+  ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession::Devices devices,
+                           OpenDevices(options_.capture, options_.simulated));
+  return rig::CaptureSession::Open(options_.capture, std::move(devices));
+}
+
 Result<rig::CaptureSession*> CaptureStation::Session() {
   const std::lock_guard lock(mutex_);
-  if (!session_) {
-    ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession::Devices devices,
-                             OpenDevices(options_.capture, options_.simulated));
-    ROTUNDA_ASSIGN_OR_RETURN(session_,
-                             rig::CaptureSession::Open(options_.capture, std::move(devices)));
-  }
+  if (session_) return session_.get();
+  Result<std::unique_ptr<rig::CaptureSession>> opened = NewSession();
+  open_trouble_ = opened ? std::nullopt : std::optional(opened.error());
+  if (!opened) return opened.error();
+  session_ = *std::move(opened);
   return session_.get();
 }
 
@@ -322,6 +396,17 @@ Status CaptureStation::Open() {
 std::vector<rig::CameraState> CaptureStation::States() const {
   const std::lock_guard lock(mutex_);
   return session_ ? session_->States() : std::vector<rig::CameraState>();
+}
+
+std::vector<std::string> CaptureStation::CameraNames() const {
+  std::vector<std::string> names;
+  for (const rig::CameraPlace& place : options_.capture.cameras) names.push_back(place.camera);
+  return names;
+}
+
+std::optional<Error> CaptureStation::OpenTrouble() const {
+  const std::lock_guard lock(mutex_);
+  return open_trouble_;
 }
 
 Result<std::string> CaptureStation::PreviewJpeg(const std::string& camera) {
@@ -347,7 +432,9 @@ const char* CaptureStation::TriggerSource() const {
   return options_.simulated ? "simulated" : "gpio";
 }
 
-Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order, JobContext& context) {
+Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order,
+                                                   const DiskPatience& patience,
+                                                   JobContext& context) {
   ROTUNDA_ASSIGN_OR_RETURN(rig::CaptureSession * session, Session());
   WaitForCameras(*session, options_.ready_patience, context);
   const LaterStop give_up(context.stop, kFramesPatience);
@@ -355,7 +442,7 @@ Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order, Job
   Taken taken{FactsOf(shot), {}};
   const std::filesystem::path out = order.out;
   const auto ticket = writer_.Submit(std::move(order), std::move(shot));
-  ROTUNDA_ASSIGN_OR_RETURN(taken.written, WaitForDisk(writer_, ticket, out, context));
+  ROTUNDA_ASSIGN_OR_RETURN(taken.written, WaitForDisk(writer_, ticket, out, patience, context));
   return taken;
 }
 

@@ -14,7 +14,8 @@ namespace rotunda::daemon {
 ///   job_queued, job_started, job_progress, job_done, job_failed, job_cancelled, job_interrupted:
 ///     number of the job
 ///   capture_stored, capture_adopted (found on disk after a crash), capture_gone (its files are
-///     missing), capture_removed (by the retention policy): id of the capture
+///     missing), capture_removed (by the retention policy), capture_waits (the disk refuses a shot
+///     that is taken), capture_lost (it refused until the daemon had ended): id of the capture
 ///   calibration_stored, calibration_activated: id of the calibration
 ///   reconstruction_stored: id of the reconstruction
 ///   camera_moved, camera_back, camera_unregistered (several captures in a row have no pose of it),

@@ -28,7 +28,7 @@ class JobQueue::Worker {
   void RequestStop() {
     {
       const std::lock_guard lock(mutex_);
-      quit_ = true;
+      if (!quit_) quit_ = Clock::now();
       stop_.request_stop();
     }
     wake_.notify_all();
@@ -49,6 +49,12 @@ class JobQueue::Worker {
     if (number == running_) stop_.request_stop();
   }
 
+  /// Why the job is not to be cancelled; nullopt: it may be, or another one runs.
+  std::optional<std::string> CancelRefusal(int64_t number) const {
+    const std::lock_guard lock(mutex_);
+    return number == running_ ? cancel_refusal_ : std::nullopt;
+  }
+
   std::optional<std::string> Hung() const {
     const std::lock_guard lock(mutex_);
     const auto silent = Clock::now() - last_sign_;
@@ -67,6 +73,8 @@ class JobQueue::Worker {
   /// What came of taking a job from the store.
   void NoteTaking(const std::optional<Error>& error);
   void Do(JobRecord job);
+  /// For the job that begins now.
+  JobContext Context(const JobRecord& job);
   Result<std::string> Work(const JobRecord& job, JobContext& context);
   void Progress(JobRecord& job, std::string_view stage, size_t done, size_t total);
   /// What has become of the job.
@@ -79,9 +87,10 @@ class JobQueue::Worker {
   mutable std::mutex mutex_;
   std::condition_variable wake_;
   bool look_ = true;
-  bool quit_ = false;
-  int64_t running_ = 0;    // 0: none
-  std::stop_source stop_;  // of the running job
+  std::optional<Clock::time_point> quit_;      // since when the daemon ends
+  int64_t running_ = 0;                        // 0: none
+  std::stop_source stop_;                      // of the running job
+  std::optional<std::string> cancel_refusal_;  // likewise
   Clock::time_point last_sign_ = Clock::now();
   std::optional<std::string> trouble_;
   std::optional<Clock::time_point> last_told_;  // by the running job
@@ -120,22 +129,35 @@ void JobQueue::Worker::NoteTaking(const std::optional<Error>& error) {
   if (is_news && queue_.options_.tell) queue_.options_.tell(*trouble);
 }
 
-void JobQueue::Worker::Do(JobRecord job) {
+JobContext JobQueue::Worker::Context(const JobRecord& job) {
   JobContext context;
-  {
-    const std::lock_guard lock(mutex_);
-    running_ = job.number;
-    last_sign_ = Clock::now();
-    if (!quit_) stop_ = std::stop_source();
-    context.stop = stop_.get_token();
-  }
-  // A cancel that came between taking the job and now did not find it running.
-  const Result<JobRecord> current = FindJob(queue_.store_, job.number);
-  if (current && current->cancel_requested) Cancel(job.number);
-  last_told_.reset();
   context.progress = [this, told = job](std::string_view stage, size_t done, size_t total) mutable {
     Progress(told, stage, done, total);
   };
+  context.refuse_cancel = [this](const std::string& why) {
+    const std::lock_guard lock(mutex_);
+    cancel_refusal_ = why;
+  };
+  context.ending = [this]() -> std::optional<std::chrono::milliseconds> {
+    const std::lock_guard lock(mutex_);
+    if (!quit_) return std::nullopt;
+    return std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - *quit_);
+  };
+  const std::lock_guard lock(mutex_);
+  running_ = job.number;
+  last_sign_ = Clock::now();
+  cancel_refusal_.reset();
+  if (!quit_) stop_ = std::stop_source();
+  context.stop = stop_.get_token();
+  return context;
+}
+
+void JobQueue::Worker::Do(JobRecord job) {
+  last_told_.reset();
+  JobContext context = Context(job);
+  // A cancel that came between taking the job and now did not find it running.
+  const Result<JobRecord> current = FindJob(queue_.store_, job.number);
+  if (current && current->cancel_requested) Cancel(job.number);
   Judge(Work(job, context), job);
   StoreEnd(job);
   const std::lock_guard lock(mutex_);
@@ -179,13 +201,17 @@ void JobQueue::Worker::Judge(const Result<std::string>& outcome, JobRecord& job)
   } else if (quit_) {
     job.state = JobState::kInterrupted;
     job.error = "the daemon was stopped while it ran";
+    if (outcome.error().code != ErrorCode::kCancelled) {
+      job.error += ": " + outcome.error().ToString();
+    }
   } else {
     job.state = JobState::kCancelled;
   }
 }
 
 /// A full disk must not leave a finished job "running": tried until it is stored or the daemon
-/// stops (the next start calls it interrupted, then). A row that is gone or broken stays so.
+/// stops, which has room set aside for it (without it the next start calls the job interrupted). A
+/// row that is gone or broken stays so.
 void JobQueue::Worker::StoreEnd(const JobRecord& job) {
   const auto refused = [&] {
     const Status ended = EndJob(queue_.store_, job);
@@ -194,8 +220,12 @@ void JobQueue::Worker::StoreEnd(const JobRecord& job) {
   while (refused()) {
     std::unique_lock lock(mutex_);
     last_sign_ = Clock::now();
-    if (quit_) return;
-    wake_.wait_for(lock, kLookAgain, [&] { return quit_; });
+    if (quit_) {
+      queue_.store_.FreeSpareRoom();
+      static_cast<void>(refused());
+      return;
+    }
+    wake_.wait_for(lock, kLookAgain, [&] { return quit_.has_value(); });
   }
 }
 
@@ -256,6 +286,11 @@ Status JobQueue::CheckQueue() const {
 }
 
 Result<JobRecord> JobQueue::Cancel(int64_t number) {
+  for (const auto& worker : workers_) {
+    if (const auto why = worker->CancelRefusal(number)) {
+      return Error{ErrorCode::kInvalidArgument, *why, "job " + std::to_string(number)};
+    }
+  }
   ROTUNDA_ASSIGN_OR_RETURN(JobRecord job, RequestCancel(store_, number));
   for (const auto& worker : workers_) worker->Cancel(number);
   return job;

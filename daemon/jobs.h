@@ -17,6 +17,10 @@ namespace rotunda::daemon {
 struct JobContext {
   std::stop_token stop;
   ProgressSink progress;  // may be called as often as one likes, from any thread
+  /// From now on the job is not cancelled: who asks for it is told why.
+  std::function<void(const std::string& why)> refuse_cancel = [](const std::string&) {};
+  /// For how long the daemon has been ending; nullopt: it goes on.
+  std::function<std::optional<std::chrono::milliseconds>()> ending = [] { return std::nullopt; };
 };
 
 /// What jobs of one kind are.
@@ -72,7 +76,8 @@ class JobQueue {
   /// Tells the running jobs to stop and takes no others; returns at once. For an end that has more
   /// to wait for.
   void RequestStop();
-  /// A running job ends within a second or two; see its state.
+  /// A running job ends within a second or two; see its state. kInvalidArgument: it has ended, or
+  /// refuses (JobContext::refuse_cancel).
   Result<JobRecord> Cancel(int64_t number);
   /// Runs an interrupted, failed or cancelled job again. kFailed: too many wait.
   Result<JobRecord> Rerun(int64_t number);

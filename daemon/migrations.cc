@@ -151,8 +151,14 @@ constexpr std::string_view kDriftIndex = R"sql(
 CREATE INDEX drift_by_limit ON drift(calibration, camera, beyond_limit, captured_at, capture);
 )sql";
 
-constexpr std::array<std::string_view, 4> kSteps = {kFirstSchema, kJobIndexes, kUnregistered,
-                                                    kDriftIndex};
+// Why a frame is not usable; what a calibration was made from, a JSON object, empty: not known.
+constexpr std::string_view kOrigins = R"sql(
+ALTER TABLE frames ADD COLUMN reason TEXT NOT NULL DEFAULT '';
+ALTER TABLE calibrations ADD COLUMN made_from TEXT NOT NULL DEFAULT '';
+)sql";
+
+constexpr std::array<std::string_view, 5> kSteps = {kFirstSchema, kJobIndexes, kUnregistered,
+                                                    kDriftIndex, kOrigins};
 
 Status CheckOwner(Database& database, int64_t version) {
   ROTUNDA_ASSIGN_OR_RETURN(const int64_t owner, database.Number("PRAGMA application_id"));

@@ -1,4 +1,5 @@
 #include <spdlog/logger.h>
+#include <sys/stat.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -65,7 +66,7 @@ void Reload(Service& service, const Arguments& arguments, spdlog::logger& log) {
     service.Reload(checked.config);
     log.info("configuration reloaded");
   } else {
-    log.error("the configuration is kept as it was");
+    service.RefuseReload(checked.problems.front().ToString());
   }
   NotifyReady(service.Summary());
 }
@@ -130,6 +131,7 @@ class LatestEnd {
 };
 
 int Serve(const Arguments& arguments, const config::DaemonConfig& config) {
+  ::umask(0077);  // pictures and subjects' names are the daemon's alone, however it is started
   const sigset_t signals = BlockSignals();
   const std::unique_ptr<spdlog::logger> log = MakeLog(config.service.log_level);
   const auto fail = [&log](const Error& error) {
@@ -148,9 +150,10 @@ int Serve(const Arguments& arguments, const config::DaemonConfig& config) {
   const std::string ready = (*service)->Summary();
   NotifyReady(ready);
   Run(**service, ready, arguments, signals, *log);
-  NotifyStopping();
+  const std::chrono::milliseconds longest_end(config.service.end_ms);
+  NotifyStopping(longest_end);
   log->info("stopping");
-  const LatestEnd latest_end(std::chrono::milliseconds(config.service.end_ms), *log);
+  const LatestEnd latest_end(longest_end, *log);
   *service = nullptr;
   log->info("stopped");
   return kDone;

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <condition_variable>
 #include <filesystem>
@@ -41,6 +42,8 @@ constexpr auto kServerSilence = std::chrono::seconds(30);
 constexpr auto kRetentionInterval = std::chrono::hours(1);
 // Of ended ones, some kilobytes each: years of a studio's work, and lists that are quick.
 constexpr size_t kKeptJobs = 10000;
+// Of service.end_ms, for what ends after a shot that the disk refuses; half of a shorter one.
+constexpr auto kRestOfEnd = milliseconds(5000);
 constexpr uint64_t kBytesPerMegabyte = 1000000;
 
 RetentionPolicy PolicyOf(const config::DaemonConfig::Storage& storage) {
@@ -64,6 +67,12 @@ std::map<Role, std::string> RoleNames(const config::DaemonConfig::Access& access
   return {{Role::kViewer,
            "a member of group '" + access.viewer_group + "' or '" + access.operator_group + "'"},
           {Role::kOperator, "a member of group '" + access.operator_group + "'"}};
+}
+
+/// How long the end of the daemon waits for a disk that refuses a shot.
+milliseconds EndPatience(const config::DaemonConfig::Service& service) {
+  const milliseconds end(service.end_ms);
+  return std::max(end / 2, end - kRestOfEnd);
 }
 
 HttpLimits LimitsOf(const config::DaemonConfig::Http& http) {
@@ -141,7 +150,18 @@ struct Service::Parts {
     return [this] { return reserve_bytes.load(); };
   }
 
+  void SetReloadTrouble(std::optional<std::string> why) {
+    const std::lock_guard lock(reload_mutex);
+    reload_trouble = std::move(why);
+  }
+  std::optional<std::string> ReloadTrouble() {
+    const std::lock_guard lock(reload_mutex);
+    return reload_trouble;
+  }
+
   std::atomic<uint64_t> reserve_bytes;
+  std::mutex reload_mutex;
+  std::optional<std::string> reload_trouble;
   EventHub events;
   std::unique_ptr<EventHub::Subscription> event_log;
   std::unique_ptr<Store> store;
@@ -182,7 +202,8 @@ Result<std::unique_ptr<Service>> Service::Start(Options options, spdlog::logger&
   queue.tell = [&log](const std::string& trouble) { log.error("{}", trouble); };
   parts.jobs = std::make_unique<JobQueue>(
       *parts.store,
-      JobHandlers{MakeCaptureHandler(*parts.store, *parts.station, {parts.Reserve()}),
+      JobHandlers{MakeCaptureHandler(*parts.store, *parts.station,
+                                     {parts.Reserve(), EndPatience(config.service), queue.tell}),
                   MakeCalibrationHandler(*parts.store, {config.devices.board, config.jobs.threads}),
                   MakeReconstructionHandler(*parts.store, config.jobs.threads)},
       queue);
@@ -218,7 +239,8 @@ Status Service::StartServer() {
                      options_.version,
                      parts.store->Now(),
                      parts.Reserve(),
-                     [&parts] { return parts.server->counters(); }};
+                     [&parts] { return parts.server->counters(); },
+                     [&parts] { return parts.ReloadTrouble(); }};
   parts.router = std::make_unique<Router>(ApiRoutes(api), RoleNames(config.access));
   std::optional<int> fd = options_.listening_fd;
   if (!fd) {
@@ -263,6 +285,12 @@ void Service::Reload(const config::DaemonConfig& wanted) {
   parts_->router->SetGroups(RoleNames(wanted.access));
   parts_->housekeeper->SetPolicy(PolicyOf(wanted.storage));
   parts_->SetReserve(wanted.storage.reserve_mb);
+  parts_->SetReloadTrouble(std::nullopt);
+}
+
+void Service::RefuseReload(const std::string& why) {
+  log_.error("the configuration is kept as it was");
+  parts_->SetReloadTrouble(why);
 }
 
 std::optional<std::string> Service::Hung() const {
@@ -276,7 +304,8 @@ std::string Service::Summary() const {
   for (const rig::CameraState& state : states) {
     ready += state.condition == rig::CameraCondition::kReady;
   }
-  return std::to_string(ready) + " of " + std::to_string(states.size()) + " cameras ready";
+  return std::to_string(ready) + " of " + std::to_string(parts_->station->CameraNames().size()) +
+         " cameras ready";
 }
 
 }  // namespace rotunda::daemon

@@ -36,6 +36,8 @@ class Service {
 
   /// Takes over what can be changed while it runs, and warns of the rest.
   void Reload(const config::DaemonConfig& wanted);
+  /// What is wrong with a configuration that was to be taken over; in the status until Reload().
+  void RefuseReload(const std::string& why);
 
   /// What hangs, in words; nullopt while input/output, handlers and workers are alive.
   std::optional<std::string> Hung() const;

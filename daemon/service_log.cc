@@ -39,8 +39,9 @@ bool IsNotSure(const EventRecord& event) {
 }
 
 bool IsTrouble(const EventRecord& event) {
-  static const std::set<std::string> kKinds = {"camera_moved", "camera_unregistered", "job_failed",
-                                               "job_interrupted", "capture_gone"};
+  static const std::set<std::string> kKinds = {"camera_moved", "camera_unregistered",
+                                               "job_failed",   "job_interrupted",
+                                               "capture_gone", "capture_waits"};
   return kKinds.contains(event.kind) || IsNotSure(event);
 }
 
@@ -77,8 +78,10 @@ void LogAccess(spdlog::logger& log, const AccessEntry& entry) {
 
 void LogEvent(spdlog::logger& log, const EventRecord& event) {
   if (event.kind == "job_progress") return;
-  log.log(IsTrouble(event) ? spdlog::level::warn : spdlog::level::info, "event {} {} {} {}",
-          event.number, event.kind, event.about, event.data);
+  const auto level = event.kind == "capture_lost" ? spdlog::level::err
+                     : IsTrouble(event)           ? spdlog::level::warn
+                                                  : spdlog::level::info;
+  log.log(level, "event {} {} {} {}", event.number, event.kind, event.about, event.data);
 }
 
 void LogRecovery(spdlog::logger& log, const RecoveryReport& report) {
@@ -90,8 +93,10 @@ void LogRecovery(spdlog::logger& log, const RecoveryReport& report) {
     log.error("left alone, not what they should be: {}", Joined(report.unreadable));
   }
   for (const int64_t job : report.interrupted) {
-    log.warn("job {} was under way when the daemon died: it is interrupted and can be run again",
-             job);
+    log.warn(
+        "job {} was under way when the daemon ended without storing how: it is interrupted and can "
+        "be run again",
+        job);
   }
   if (report.removed_temporaries > 0) {
     log.info("removed {} half-written folders", report.removed_temporaries);

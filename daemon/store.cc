@@ -30,6 +30,9 @@ namespace fs = std::filesystem;
 
 constexpr char kDatabaseName[] = "rotunda.db";
 constexpr char kLockName[] = "lock";
+constexpr char kSpareRoomName[] = "spare-room";
+// A hundred times what the end of a job takes in the database and its log.
+constexpr off_t kSpareRoom_bytes = 1 << 20;
 constexpr char kCaptures[] = "captures";
 constexpr char kCalibrations[] = "calibrations";
 constexpr char kReconstructions[] = "reconstructions";
@@ -174,6 +177,7 @@ Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& event
     return AsDamaged(recovery.error(), state / kDatabaseName);
   }
   store->recovery_ = *std::move(recovery);
+  store->SetSpareRoomAside();
   // So that there is an answer for those who ask while the next look is under way.
   static_cast<void>(store->LeastRoom());
   return store;
@@ -189,6 +193,16 @@ Status Store::LockFolder() {
   return Error{ErrorCode::kAlreadyExists, "another rotundad is using this state folder",
                options_.state_folder.string()};
 }
+
+void Store::SetSpareRoomAside() {
+  const fs::path file = options_.state_folder / kSpareRoomName;
+  const int fd = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+  if (fd < 0) return;
+  static_cast<void>(::posix_fallocate(fd, 0, kSpareRoom_bytes));
+  ::close(fd);
+}
+
+void Store::FreeSpareRoom() { ::unlink((options_.state_folder / kSpareRoomName).c_str()); }
 
 Status Store::OpenDatabase() {
   const fs::path file = options_.state_folder / kDatabaseName;

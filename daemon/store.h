@@ -49,7 +49,7 @@ struct RecoveryReport {
   std::vector<std::string> adopted;     // folders on disk that had no row: now they have
   std::vector<std::string> gone;        // rows whose folder is missing: marked
   std::vector<std::string> unreadable;  // folders without a row that are not what they should be
-  std::vector<int64_t> interrupted;     // jobs that ran when the daemon died
+  std::vector<int64_t> interrupted;     // jobs whose end was not stored
   size_t removed_temporaries = 0;       // what killed writers left half-written
 };
 
@@ -75,6 +75,9 @@ class Store {
   /// a mount or a link to another disk. kIo names one whose disk cannot be asked. Who asks while an
   /// earlier look still hangs is not held up: kIo.
   Result<DiskRoom> LeastRoom();
+  /// Gives the disk back what was set aside at the start, so that a daemon that ends on a full disk
+  /// can store how. From any thread, as often as one likes.
+  void FreeSpareRoom();
   std::filesystem::path CaptureFolder(const std::string& id) const;
   std::filesystem::path CalibrationFolder(const std::string& id) const;
   std::filesystem::path ReconstructionFolder(const std::string& id) const;
@@ -98,6 +101,8 @@ class Store {
   std::vector<std::filesystem::path> Folders() const;
   Status LockFolder();
   Status OpenDatabase();
+  /// Room for FreeSpareRoom(). A disk that is full already has none, which is no error.
+  void SetSpareRoomAside();
 
   const StoreOptions options_;
   EventHub& hub_;

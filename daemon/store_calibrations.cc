@@ -6,6 +6,7 @@
 #include "daemon/store_sql.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/file_io.h"
+#include "sfm/core/json_reader.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -13,7 +14,9 @@ namespace {
 constexpr int kMaxCopies = 10000;
 
 constexpr char kSelect[] =
-    "SELECT id, created_at, source, cameras, rms_px, held_out_px, active, activated_at, files_gone "
+    "SELECT id, created_at, source, cameras, rms_px, held_out_px, active, activated_at, "
+    "files_gone, "
+    "made_from "
     "FROM calibrations ";
 
 CalibrationRecord ReadRow(Statement& row) {
@@ -27,6 +30,7 @@ CalibrationRecord ReadRow(Statement& row) {
   calibration.active = row.Bool();
   calibration.activated_at = row.OptionalText();
   calibration.files_gone = row.Bool();
+  calibration.made_from = row.Text();
   return calibration;
 }
 
@@ -50,17 +54,27 @@ Result<CalibrationRecord> Select(Database& database, const std::string& id) {
   return *std::move(calibration);
 }
 
-Status Insert(Database& database, const std::string& id, const Calibration& calibration) {
+Status Insert(Database& database, const std::string& id, const Calibration& calibration,
+              const std::string& made_from) {
   std::optional<double> rms_px, held_out_px;
   if (calibration.residuals) {
     rms_px = calibration.residuals->rms_px;
     held_out_px = calibration.residuals->held_out_rms_px;
   }
   Statement insert = database.Prepare(
-      "INSERT INTO calibrations (id, created_at, source, cameras, rms_px, held_out_px) "
-      "VALUES (?, ?, ?, ?, ?, ?)");
+      "INSERT INTO calibrations (id, created_at, source, made_from, cameras, rms_px, held_out_px) "
+      "VALUES (?, ?, ?, ?, ?, ?, ?)");
   insert.Bind(id).Bind(calibration.created_at).Bind(SourceName(calibration.source));
+  insert.Bind(made_from);
   return insert.Bind(uint64_t{calibration.cameras.size()}).Bind(rms_px).Bind(held_out_px).Run();
+}
+
+/// The text of its made_from.json; empty: it was made elsewhere, or that cannot be read.
+std::string MadeFromIn(const std::filesystem::path& folder) {
+  const Result<std::string> text = ReadFile(folder / kMadeFromName);
+  if (!text) return "";
+  const Result<nlohmann::json> value = ParseJson(*text, kMadeFromName);
+  return value && value->is_object() ? *text : "";
 }
 
 }  // namespace
@@ -89,13 +103,14 @@ Result<CalibrationRecord> RecordCalibration(Store& store, const std::string& id)
         "its calibration.json has the id \"" + calibration.id + "\", expected the folder's name",
         folder.string()};
   }
+  const std::string made_from = MadeFromIn(folder);
   ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
     const Result<CalibrationRecord> known = Select(database, id);
     if (known) return {};
     if (known.error().code != ErrorCode::kNotFound) return known.error();
     events.push_back(
         MakeEvent("calibration_stored", id, {{"cameras", calibration.cameras.size()}}));
-    return Insert(database, id, calibration);
+    return Insert(database, id, calibration, made_from);
   }));
   return FindCalibration(store, id);
 }

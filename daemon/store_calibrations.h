@@ -7,6 +7,10 @@
 
 namespace rotunda::daemon {
 
+/// In the folder of a calibration that was made here: {"captures": [ids], "board": its name,
+/// "model"?, "frame_from"?, "intrinsics_from"?: ids of calibrations}.
+inline constexpr char kMadeFromName[] = "made_from.json";
+
 /// `wanted`, or with "-2", "-3", ... behind it when that is taken.
 Result<std::string> FreeCalibrationId(Store& store, const std::string& wanted);
 

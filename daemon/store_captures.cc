@@ -1,13 +1,16 @@
 #include "daemon/store_captures.h"
 
 #include <algorithm>
+#include <map>
 #include <system_error>
 #include <utility>
 
 #include "daemon/store_internal.h"
 #include "daemon/store_sql.h"
 #include "sfm/core/calibration.h"
+#include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
+#include "sfm/core/json_reader.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -72,18 +75,38 @@ std::optional<std::string> CalibrationInSet(const fs::path& folder) {
   return calibration ? std::optional(calibration->id) : std::nullopt;
 }
 
-Status InsertFrames(Database& database, const std::string& id, const FrameSet& set) {
+using Reasons = std::map<std::string, std::string>;
+
+/// Why frames are not usable, by camera, as the shot.json beside the set has it; nothing of sets
+/// that came without one that can be read.
+Reasons ReasonsInSet(const fs::path& folder) {
+  Reasons reasons;
+  const Result<std::string> text = ReadFile(folder / "shot.json");
+  const Result<nlohmann::json> shot =
+      text ? ParseJson(*text, "shot.json") : Result<nlohmann::json>(text.error());
+  if (!shot) return reasons;
+  JsonReader reader("shot.json", *shot);
+  for (const JsonField& camera : reader.root()["cameras"].Items()) {
+    if (camera["reason"].present()) reasons[camera["camera"].String()] = camera["reason"].String();
+  }
+  return reasons;
+}
+
+Status InsertFrames(Database& database, const std::string& id, const FrameSet& set,
+                    const Reasons& reasons) {
   Statement insert = database.Prepare(
-      "INSERT INTO frames (capture, camera, serial, file, status, xxh3, width_px, height_px) "
-      "VALUES (?, ?, ?, ?, ?, ?, ?, ?)");
+      "INSERT INTO frames (capture, camera, serial, file, status, reason, xxh3, width_px, "
+      "height_px) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)");
   for (const Frame& frame : set.frames) {
     const std::string file = frame.file.empty() ? "" : "captures/" + id + "/" + frame.file;
+    const auto reason = reasons.find(frame.camera);
     insert.Reset()
         .Bind(id)
         .Bind(frame.camera)
         .Bind(frame.serial)
         .Bind(file)
         .Bind(frame.status)
+        .Bind(reason == reasons.end() ? "" : reason->second)
         .Bind(frame.xxh3)
         .Bind(frame.width_px)
         .Bind(frame.height_px);
@@ -92,14 +115,15 @@ Status InsertFrames(Database& database, const std::string& id, const FrameSet& s
   return {};
 }
 
-Status InsertCapture(Database& database, const CaptureRecord& capture, const FrameSet& set) {
+Status InsertCapture(Database& database, const CaptureRecord& capture, const FrameSet& set,
+                     const Reasons& reasons) {
   Statement insert = database.Prepare(
       "INSERT INTO captures (id, captured_at, subject, ok_frames, frames, calibration) "
       "VALUES (?, ?, ?, ?, ?, ?)");
   insert.Bind(capture.id).Bind(capture.captured_at).Bind(capture.subject);
   insert.Bind(capture.ok_frames).Bind(capture.frames).Bind(capture.calibration);
   ROTUNDA_RETURN_IF_ERROR(insert.Run());
-  return InsertFrames(database, capture.id, set);
+  return InsertFrames(database, capture.id, set, reasons);
 }
 
 Result<CaptureRecord> SelectCapture(Database& database, const std::string& id) {
@@ -132,6 +156,7 @@ Result<FrameRecord> ReadFrame(Statement& row, const std::string& capture) {
   frame.serial = row.Text();
   frame.file = row.Text();
   frame.status = row.Text();
+  frame.reason = row.Text();
   frame.xxh3 = row.Text();
   frame.width_px = row.Count();
   frame.height_px = row.Count();
@@ -184,12 +209,13 @@ Result<CaptureRecord> RecordCapture(Store& store, const std::string& id,
   capture.frames = set.frames.size();
   for (const Frame& frame : set.frames) capture.ok_frames += frame.status == "ok";
   capture.calibration = CalibrationInSet(folder);
+  const Reasons reasons = ReasonsInSet(folder);
 
   ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
     const Result<CaptureRecord> known = SelectCapture(database, id);
     if (!known && known.error().code != ErrorCode::kNotFound) return known.error();
     if (!known) {
-      ROTUNDA_RETURN_IF_ERROR(InsertCapture(database, capture, set));
+      ROTUNDA_RETURN_IF_ERROR(InsertCapture(database, capture, set, reasons));
       events.push_back(
           MakeEvent("capture_stored", id, {{"ok", capture.ok_frames}, {"of", capture.frames}}));
     }
@@ -236,7 +262,7 @@ Result<std::vector<FrameRecord>> ListFrames(Store& store, const std::string& cap
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
     ROTUNDA_RETURN_IF_ERROR(SelectCapture(database, capture));
     Statement row = database.Prepare(
-        "SELECT camera, serial, file, status, xxh3, width_px, height_px FROM frames "
+        "SELECT camera, serial, file, status, reason, xxh3, width_px, height_px FROM frames "
         "WHERE capture = ? ORDER BY camera");
     row.Bind(capture);
     while (row.Step()) {

@@ -46,12 +46,14 @@ struct FrameRecord {
   std::string serial;
   std::string file;  // relative to the state folder; empty when there is no picture
   std::string status;
+  std::string reason;  // why it is not "ok", in words; may be empty
   std::string xxh3;
   uint64_t width_px = 0;
   uint64_t height_px = 0;
 };
 
-/// A folder calibrations/<id> with calibration.json and, when it was made here, report.html.
+/// A folder calibrations/<id> with calibration.json and, when it was made here, report.html and
+/// made_from.json.
 struct CalibrationRecord {
   std::string id;
   std::string created_at;
@@ -62,6 +64,7 @@ struct CalibrationRecord {
   bool active = false;  // in force
   std::optional<std::string> activated_at;
   bool files_gone = false;
+  std::string made_from;  // the text of its made_from.json; empty: it has none
 };
 
 /// A folder reconstructions/<id> with poses.json, sparse/0, points.ply and report.html.

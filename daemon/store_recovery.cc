@@ -228,7 +228,9 @@ Status InterruptJobs(Store& store, RecoveryReport& report) {
     if (running.items.empty()) return {};
     for (JobRecord job : running.items) {
       job.state = JobState::kInterrupted;
-      job.error = "the daemon died while it ran";
+      job.error =
+          "the daemon ended while it ran and could not store how: it died, hung, or had no room on "
+          "its disk (its log says more)";
       ROTUNDA_RETURN_IF_ERROR(EndJob(store, job));
       report.interrupted.push_back(job.number);
     }

@@ -10,6 +10,8 @@ namespace {
 constexpr int kKeepEnvironment = 0;
 // For a hundred found folders on a slow disk.
 constexpr int64_t kMoreTime_us = 60000000;
+// A daemon that hangs ends by itself before systemd kills it.
+constexpr auto kEndMargin = std::chrono::seconds(5);
 
 }  // namespace
 
@@ -32,7 +34,11 @@ void NotifyReloading() {
   sd_notify(kKeepEnvironment, ("RELOADING=1\nMONOTONIC_USEC=" + std::to_string(now_us)).c_str());
 }
 
-void NotifyStopping() { sd_notify(kKeepEnvironment, "STOPPING=1"); }
+void NotifyStopping(std::chrono::milliseconds longest) {
+  const std::chrono::microseconds allowed = longest + kEndMargin;
+  sd_notify(kKeepEnvironment,
+            ("STOPPING=1\nEXTEND_TIMEOUT_USEC=" + std::to_string(allowed.count())).c_str());
+}
 
 void NotifyAlive() { sd_notify(kKeepEnvironment, "WATCHDOG=1"); }
 

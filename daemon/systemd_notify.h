@@ -20,7 +20,8 @@ void NotifyReady(const std::string& status);
 void NotifyStatus(const std::string& status);
 /// RELOADING=1; NotifyReady() follows.
 void NotifyReloading();
-void NotifyStopping();
+/// STOPPING=1. The end takes `longest` at most, whatever TimeoutStopSec says.
+void NotifyStopping(std::chrono::milliseconds longest);
 void NotifyAlive();
 
 /// How often NotifyAlive() is expected at least; nullopt: not at all.

@@ -1,5 +1,7 @@
 #include "daemon/cli/api_client.h"
 
+#include <grp.h>
+#include <sys/stat.h>
 #include <sys/un.h>
 
 #include <utility>
@@ -30,6 +32,16 @@ constexpr int kHttp11 = 11;
 // Lists and results are far smaller; pictures and archives are not asked for here.
 constexpr uint64_t kMaxAnswerBytes = 256u << 20;
 
+/// Who may use the socket, as far as it can be seen.
+std::string GroupOf(const std::filesystem::path& socket) {
+  struct stat found {};
+  const ::group* const group =
+      ::stat(socket.c_str(), &found) == 0 ? ::getgrgid(found.st_gid) : nullptr;
+  if (group == nullptr) return "its group";
+  const std::string name = group->gr_name;
+  return "its group (usermod -aG " + name + " NAME)";
+}
+
 /// A connection whose operations end early when `stop` is set.
 class Connection {
  public:
@@ -46,7 +58,7 @@ class Connection {
     if (!error) return {};
     return Error{ErrorCode::kNotFound,
                  error == net::error::access_denied
-                     ? "you may not use this socket; ask to be made a member of its group"
+                     ? "you may not use this socket; ask to be made a member of " + GroupOf(path)
                      : "no daemon serves there (" + error.message() +
                            "); start it (systemctl start rotunda), or give another --socket",
                  path.string()};

@@ -5,8 +5,10 @@
 #include <cstdio>
 #include <memory>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include "daemon/capture_job.h"
 #include "daemon/cli/api_client.h"
 #include "daemon/cli/daemon_tables.h"
 #include "daemon/cli/terminal.h"
@@ -41,10 +43,35 @@ int Show(const Result<Json>& answer, const CommonOptions& common,
   return kDone;
 }
 
+/// Shows how far a job is; says once that its shot waits for the disk, also where no progress is
+/// shown.
+void ShowProgress(const Json& job, ProgressLine& progress, bool& told_of_disk) {
+  if (!job.contains("progress")) return;
+  const Json& at = job["progress"];
+  const std::string stage = at["stage"];
+  progress.Update(stage, at["done"], at["total"]);
+  if (stage != daemon::kWaitingForDisk || std::exchange(told_of_disk, true)) return;
+  progress.Tell("job " + job["id"].dump() +
+                ": the shot is taken and waits for the disk: make room there (`rotunda status` "
+                "says where and why)");
+}
+
+/// What is to know of a job whose daemon cannot be asked any more.
+Error Left(const Error& error, const Json& job) {
+  if (error.code == ErrorCode::kFailed) return error;  // it has answered
+  const std::string id = job["id"].dump();
+  return {error.code,
+          error.message + "; job " + id + ": `rotunda jobs " + id +
+              "` tells what became of it when the daemon is back, `rotunda jobs " + id +
+              " --rerun` runs it again if it was interrupted",
+          error.context};
+}
+
 /// Shows a job's progress until it has ended. Ctrl-C leaves it running, and says so.
 Result<Json> FollowJob(const ApiClient& client, const Json& job, const CommonOptions& common) {
   const std::string target = "/v1/jobs/" + job["id"].dump();
   ProgressLine progress(!common.json);
+  bool told_of_disk = false;
   const auto begin = std::chrono::steady_clock::now();
   while (true) {
     const Result<Json> now = client.Get(target);
@@ -53,17 +80,14 @@ Result<Json> FollowJob(const ApiClient& client, const Json& job, const CommonOpt
       return Interrupted("; job " + id + " goes on without this command, `rotunda jobs --cancel " +
                          id + "` ends it");
     }
-    if (!now) return now.error();
+    if (!now) return Left(now.error(), job);
     const std::string state = (*now)["state"];
     if (state == "done") return *now;
     if (state != "queued" && state != "running") {
       return Error{ErrorCode::kFailed, now->contains("error") ? FieldText(*now, "error") : state,
                    "job " + job["id"].dump()};
     }
-    if (now->contains("progress")) {
-      const Json& at = (*now)["progress"];
-      progress.Update(at["stage"].get<std::string>(), at["done"], at["total"]);
-    }
+    ShowProgress(*now, progress, told_of_disk);
     const auto waited = std::chrono::duration_cast<std::chrono::milliseconds>(
         std::chrono::steady_clock::now() - begin);
     std::this_thread::sleep_for(std::clamp(waited / 10, kMinJobPollInterval, kMaxJobPollInterval));
@@ -356,9 +380,9 @@ void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen) {
       app, common, *query,
       {"calibrations", "List the daemon's calibrations, show one, make one, put one in force.",
        "rotunda calibrations\n  rotunda calibrations --from 20261122T101500Z 20261122T101700Z\n"
-       "  rotunda calibrations charuco-20261122T101700Z --activate\n"
+       "  rotunda calibrations charuco-20261122T101700250Z --activate\n"
        "  rotunda calibrations --from 20261123T080000Z --fix-intrinsics-from "
-       "charuco-20261122T101700Z",
+       "charuco-20261122T101700250Z",
        "CALIBRATION"});
   auto activate = std::make_shared<bool>(false);
   auto calibration = std::make_shared<CalibrationArguments>();
@@ -373,7 +397,7 @@ void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen) {
       }
       const std::string target = ListTarget("/v1/calibrations", *query);
       return Show(*activate ? client.Post(target + "/activate", nullptr) : client.Get(target),
-                  common, query->id.empty() ? PrintCalibrations : PrintFields);
+                  common, query->id.empty() ? PrintCalibrations : PrintCalibration);
     };
   });
 }

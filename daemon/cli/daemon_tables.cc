@@ -179,8 +179,9 @@ void PrintCapture(const Json& capture) {
   PrintFields(capture);
   for (const Json& frame : capture["frames"]) {
     if (frame["status"] == "ok") continue;
-    std::printf("  %s: %s\n", FieldText(frame, "camera").c_str(),
-                FieldText(frame, "status").c_str());
+    const std::string reason = frame.contains("reason") ? ", " + FieldText(frame, "reason") : "";
+    std::printf("  %s: %s%s\n", FieldText(frame, "camera").c_str(),
+                FieldText(frame, "status").c_str(), reason.c_str());
   }
   const Json& reconstructions = capture["reconstructions"];
   if (reconstructions.empty()) return;
@@ -205,6 +206,11 @@ void PrintCaptures(const Json& page) {
                    {"ok", "ok"},
                    {"of", "of"},
                    {"verdict", "verdict"}});
+}
+
+void PrintCalibration(const Json& calibration) {
+  PrintFields(calibration);
+  if (calibration.contains("made_from")) PrintPart("made_from", calibration["made_from"]);
 }
 
 void PrintCalibrations(const Json& page) {

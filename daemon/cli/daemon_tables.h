@@ -30,6 +30,7 @@ void PrintJob(const nlohmann::ordered_json& job);
 void PrintJobs(const nlohmann::ordered_json& page);
 void PrintCapture(const nlohmann::ordered_json& capture);
 void PrintCaptures(const nlohmann::ordered_json& page);
+void PrintCalibration(const nlohmann::ordered_json& calibration);
 void PrintCalibrations(const nlohmann::ordered_json& page);
 /// Of each camera the newest that is known.
 void PrintDrift(const nlohmann::ordered_json& drift);

@@ -23,6 +23,7 @@ struct SimulateArguments {
   std::optional<std::filesystem::path> rig;
   std::optional<std::filesystem::path> board;
   int placements = 0;
+  std::optional<int> cameras;  // default: all of the rig
   sim::SimulateOptions options;
   ServeArguments serve;
 };
@@ -34,6 +35,7 @@ Status Simulate(const SimulateArguments& arguments, const CommonOptions& common)
   if (arguments.rig) {
     ROTUNDA_ASSIGN_OR_RETURN(rig, config::ReadRigOptions(*arguments.rig));
   }
+  options.cameras = arguments.cameras.value_or(rig.geometry.columns * rig.geometry.rows);
   if (arguments.board) {
     ROTUNDA_ASSIGN_OR_RETURN(options.board, config::ReadBoard(*arguments.board));
   }
@@ -147,14 +149,14 @@ void AddBodyOptions(CLI::App* command, sim::SimulateOptions& options) {
       ->capture_default_str();
 }
 
-void AddCameraOptions(CLI::App* command, sim::SimulateOptions& options) {
+void AddCameraOptions(CLI::App* command, SimulateArguments& arguments) {
+  sim::SimulateOptions& options = arguments.options;
   AddSeed(command, options.seed, "Seed of cameras, body, garment and noise");
   command
-      ->add_option("--cameras", options.cameras,
-                   "How many of the rig's cameras, evenly spread; with fewer than about 30 "
-                   "neighbours no longer overlap")
-      ->check(CLI::Range(2, 10000))
-      ->capture_default_str();
+      ->add_option("--cameras", arguments.cameras,
+                   "How many of the rig's cameras, evenly spread, default: all; with fewer than "
+                   "about 30 neighbours no longer overlap")
+      ->check(CLI::Range(2, 10000));
   command
       ->add_option("--scale", options.picture_scale,
                    "Size of the pictures, above 0.05 to 2; 1 is the rig's")
@@ -191,7 +193,7 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->type_name("FILE");
   AddTargetOptions(command, *arguments);
   AddBodyOptions(command, arguments->options);
-  AddCameraOptions(command, arguments->options);
+  AddCameraOptions(command, *arguments);
   AddServeOptions(command, arguments->serve);
   command->callback([arguments, out, &common, &chosen] {
     const int tasks = static_cast<int>(out->count() > 0) +

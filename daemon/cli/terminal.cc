@@ -63,6 +63,11 @@ std::vector<StageCost> ProgressLine::Finish() {
   return costs_;
 }
 
+void ProgressLine::Tell(const std::string& text) {
+  std::lock_guard lock(mutex_);
+  std::fprintf(stderr, "%srotunda: %s\n", show_ ? "\r\033[K" : "", text.c_str());
+}
+
 void ProgressLine::EndStage() {
   if (stage_.empty()) return;
   const std::chrono::duration<double> spent = Clock::now() - stage_begin_;

@@ -30,6 +30,8 @@ class ProgressLine {
   ProgressLine& operator=(const ProgressLine&) = delete;
 
   void Update(std::string_view stage, size_t done, size_t total);
+  /// A line of its own on stderr, also where no progress is shown.
+  void Tell(const std::string& text);
   /// Ends the stage that runs and wipes the line.
   std::vector<StageCost> Finish();
 

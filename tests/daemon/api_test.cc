@@ -25,6 +25,7 @@
 #include "daemon/store_sql.h"
 #include "rig/lens_models.h"
 #include "sfm/colmap_io.h"
+#include "sfm/core/frame_set.h"
 #include "sfm/core/pose_set.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
@@ -139,6 +140,22 @@ class Api : public testing::Test {
     const auto recorded = RecordReconstruction(store, id);
     ASSERT_TRUE(recorded) << recorded.error().ToString();
   }
+  /// A capture of this many of two cameras, not reconstructed.
+  void AddShot(const std::string& id, const std::string& captured_at, int ok) {
+    const auto folder = state_.store().CaptureFolder(id);
+    test::WriteTinyFrameSet(folder, captured_at);
+    FrameSet set = ReadFrameSet(folder).value();
+    std::string reasons;
+    for (size_t i = static_cast<size_t>(ok); i < set.frames.size(); ++i) {
+      set.frames[i].status = "missing";
+      reasons += std::string(reasons.empty() ? "" : ", ") + "{\"camera\": \"" +
+                 set.frames[i].camera + "\", \"reason\": \"its cable is out\"}";
+    }
+    std::ofstream(folder / "frameset.json") << FrameSetToJson(set);
+    std::ofstream(folder / "shot.json") << "{\"cameras\": [" << reasons << "]}";
+    const auto recorded = RecordCapture(state_.store(), id, std::nullopt);
+    ASSERT_TRUE(recorded) << recorded.error().ToString();
+  }
   std::string Problems() { return Checked(Get("/v1/status"), "Status")["problems"].dump(); }
 
   /// As the server does it.
@@ -178,6 +195,48 @@ std::string WithIds(std::string path) {
       path.replace(at, name.size(), id);
   }
   return path;
+}
+
+TEST_F(Api, StatusSaysWhyNoCameraIsOpenAndHowManyThereAre) {
+  CaptureStation::Options options;
+  options.capture.cameras.resize(3);
+  options.capture.trigger.camera_input = "Line9x";
+  options.simulated = "/nowhere";
+  CaptureStation station(options);
+  const auto opened = station.Open();
+  ASSERT_FALSE(opened.ok());
+  ServeCamerasOf(station);
+  const Json status = Checked(Get("/v1/status"), "Status");
+  EXPECT_EQ(status["cameras"]["of"], 3);
+  EXPECT_EQ(status["cameras"]["ready"], 0);
+  EXPECT_NE(status["problems"].dump().find("the cameras are not open: trigger.camera_input"),
+            std::string::npos)
+      << status["problems"];
+}
+
+TEST_F(Api, ALastCaptureWithoutAllFramesIsAProblemAndItsFramesSayWhy) {
+  AddShot("a", "2026-01-01T10:00:00Z", 0);
+  EXPECT_NE(Problems().find("the last capture, a, has 0 of 2 frames: without c0, c1"),
+            std::string::npos)
+      << Problems();
+  const Json capture = Checked(Get("/v1/captures/a"), "CaptureDetail");
+  EXPECT_EQ(capture["frames"][1]["status"], "missing");
+  EXPECT_EQ(capture["frames"][1]["reason"], "its cable is out");
+  AddShot("b", "2026-01-01T10:00:01Z", 2);
+  EXPECT_EQ(Problems().find("the last capture"), std::string::npos) << Problems();
+  EXPECT_FALSE(Checked(Get("/v1/captures/b"), "CaptureDetail")["frames"][1].contains("reason"));
+}
+
+TEST_F(Api, ACalibrationTellsWhatItWasMadeFrom) {
+  Store& store = state_.store();
+  test::WriteCalibrationFolder(store.CalibrationFolder("elsewhere"), TwoCameras());
+  test::WriteCalibrationFolder(store.CalibrationFolder("here"), TwoCameras());
+  const Json made_from = {{"captures", {"a", "b"}}, {"board", "cuboid"}, {"model", "opencv"}};
+  std::ofstream(store.CalibrationFolder("here") / kMadeFromName) << made_from.dump();
+  ASSERT_TRUE(RecordCalibration(store, "here"));
+  ASSERT_TRUE(RecordCalibration(store, "elsewhere"));
+  EXPECT_EQ(Checked(Get("/v1/calibrations/here"), "Calibration")["made_from"], made_from);
+  EXPECT_FALSE(Checked(Get("/v1/calibrations/elsewhere"), "Calibration").contains("made_from"));
 }
 
 TEST_F(Api, TheDocumentHasEveryRouteAndTheRouterEveryOperation) {

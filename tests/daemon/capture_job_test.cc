@@ -14,6 +14,8 @@
 #include "daemon/reconstruction_request.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
+#include "daemon/store_events.h"
+#include "daemon/store_sql.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/simulated_rig.h"
 
@@ -84,14 +86,39 @@ class CaptureJobTest : public ::testing::Test {
   }
   ~CaptureJobTest() override { queue_.reset(); }
 
-  void StartQueue(uint64_t reserve_bytes, JobQueue::Options options = {}) {
+  void StartQueue(uint64_t reserve_bytes, JobQueue::Options options = {},
+                  std::chrono::milliseconds end_patience = 0ms) {
     queue_.reset();
+    CaptureJobOptions capture{[reserve_bytes] { return reserve_bytes; }, end_patience,
+                              [this](const std::string& trouble) { told_ = trouble; }};
     queue_ = std::make_unique<JobQueue>(
-        store(),
-        JobHandlers{
-            MakeCaptureHandler(store(), *station_, {[reserve_bytes] { return reserve_bytes; }}),
-            Idle(), Idle()},
+        store(), JobHandlers{MakeCaptureHandler(store(), *station_, capture), Idle(), Idle()},
         options);
+  }
+  /// Nothing can be made in a folder that is a file.
+  void LetTheDiskRefuse() {
+    fs::remove_all(Captures());
+    ASSERT_TRUE(WriteNewFile(Captures(), "").ok());
+  }
+  void MendTheDisk() {
+    fs::remove(Captures());
+    fs::create_directory(Captures());
+  }
+  fs::path Captures() const { return state_.folder() / "captures"; }
+  /// A capture whose shot the disk has refused; its job.
+  int64_t RefusedShot() {
+    const auto job = queue_->Submit(JobKind::kCapture, "{\"reconstruct\": false}", "");
+    EXPECT_TRUE(job.ok()) << job.error().ToString();
+    while (CountEvents("capture_waits") == 0) std::this_thread::sleep_for(2ms);
+    return job->number;
+  }
+  /// Events of this kind about the shot of the newest job.
+  size_t CountEvents(const std::string& kind) {
+    const std::string shot = ListJobs(store(), {})->items[0].product;
+    const auto events = ListEvents(store(), 0, 1000);
+    return static_cast<size_t>(std::count_if(
+        events->begin(), events->end(),
+        [&](const EventRecord& event) { return event.kind == kind && event.about == shot; }));
   }
   Store& store() { return state_.store(); }
   JobRecord Wait(int64_t number) {
@@ -120,6 +147,7 @@ class CaptureJobTest : public ::testing::Test {
   }
 
   DaemonState state_;
+  std::string told_;  // to the log, by the queue's thread; to be read when it has ended
   SimulatedRig rig_;
   std::unique_ptr<CaptureStation> station_;
   std::unique_ptr<JobQueue> queue_;
@@ -180,7 +208,10 @@ TEST_F(CaptureJobTest, AShotWithMissingCamerasIsKeptAndSaysWhich) {
   const auto capture = FindCapture(store(), job.product);
   EXPECT_EQ(capture->ok_frames, uint64_t{kCameras - 1});
   EXPECT_EQ(capture->frames, uint64_t{kCameras});
-  EXPECT_EQ(ListFrames(store(), capture->id)->at(2).status, "missing");
+  const FrameRecord missing = ListFrames(store(), capture->id)->at(2);
+  EXPECT_EQ(missing.status, "missing");
+  EXPECT_NE(job.result.find("c002 missing (" + missing.reason + ")"), std::string::npos)
+      << missing.reason << " in " << job.result;
   EXPECT_NE(job.result.find("c002 missing"), std::string::npos) << job.result;
 }
 
@@ -300,21 +331,77 @@ TEST_F(CaptureJobTest, AShotFoundOnTheDiskIsReconstructedAsItsJobAsked) {
   EXPECT_EQ(ListJobs(store(), {})->items.size(), 3u);
 }
 
-TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsCancelled) {
-  // Nothing can be made in a folder that is a file.
-  const fs::path captures = state_.folder() / "captures";
-  fs::remove_all(captures);
-  ASSERT_TRUE(WriteNewFile(captures, "").ok());
-  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
-  while (!station_->DiskTrouble()) std::this_thread::sleep_for(2ms);
-  EXPECT_EQ(FindJob(store(), job->number)->state, JobState::kRunning);
-  ASSERT_TRUE(queue_->Cancel(job->number).ok());
-  EXPECT_EQ(Wait(job->number).state, JobState::kCancelled);
+TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsNotCancelled) {
+  LetTheDiskRefuse();
+  const int64_t job = RefusedShot();
+  while (FindJob(store(), job)->stage != kWaitingForDisk) std::this_thread::sleep_for(2ms);
+  const auto cancelled = queue_->Cancel(job);
+  ASSERT_FALSE(cancelled.ok());
+  EXPECT_EQ(cancelled.error().code, ErrorCode::kInvalidArgument);
+  EXPECT_NE(cancelled.error().message.find("is taken and waits for the disk"), std::string::npos);
+  EXPECT_NE(cancelled.error().message.find(Captures().string()), std::string::npos)
+      << cancelled.error().message;
+  EXPECT_EQ(FindJob(store(), job)->state, JobState::kRunning);
+  MendTheDisk();
+  const JobRecord end = Wait(job);
+  ASSERT_EQ(end.state, JobState::kDone) << end.error;
+  EXPECT_EQ(FindCapture(store(), end.product)->ok_frames, uint64_t{kCameras});
+  EXPECT_EQ(CountEvents("capture_waits"), 1u) << "not for each attempt";
+}
 
-  fs::remove(captures);
-  fs::create_directory(captures);
-  const JobRecord next = Capture("{}");
-  EXPECT_EQ(next.state, JobState::kDone) << next.error;
+TEST_F(CaptureJobTest, CancelledBeforeTheDiskRefusesItIsNotGivenUpEither) {
+  disk_hangs = true;
+  hanging = 0;
+  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
+  while (hanging == 0) std::this_thread::sleep_for(2ms);
+  ASSERT_TRUE(queue_->Cancel(job->number).ok()) << "nothing is known to be the matter";
+  LetTheDiskRefuse();
+  disk_hangs = false;
+  while (CountEvents("capture_waits") == 0) std::this_thread::sleep_for(2ms);
+  MendTheDisk();
+  EXPECT_EQ(Wait(job->number).state, JobState::kDone);
+}
+
+TEST_F(CaptureJobTest, AShotThatWaitsForTheDiskIsKeptWhenThatIsMendedWhileTheDaemonEnds) {
+  StartQueue(0, {}, 60s);
+  LetTheDiskRefuse();
+  const int64_t job = RefusedShot();
+  queue_->RequestStop();
+  MendTheDisk();
+  queue_.reset();
+  const auto end = FindJob(store(), job);
+  ASSERT_EQ(end->state, JobState::kDone) << end->error;
+  EXPECT_EQ(FindCapture(store(), end->product)->ok_frames, uint64_t{kCameras});
+}
+
+TEST_F(CaptureJobTest, AShotThatIsLostAtTheEndOfTheDaemonIsNamed) {
+  StartQueue(0, {}, 10ms);
+  LetTheDiskRefuse();
+  const int64_t job = RefusedShot();
+  queue_.reset();
+  const auto end = FindJob(store(), job);
+  EXPECT_EQ(end->state, JobState::kInterrupted);
+  EXPECT_NE(end->error.find("shot " + end->product + ": is lost: the disk refused it for"),
+            std::string::npos)
+      << end->error;
+  EXPECT_EQ(CountEvents("capture_lost"), 1u);
+  EXPECT_EQ(told_, "");
+}
+
+TEST_F(CaptureJobTest, WhatTheStoreCannotKeepOfAShotGoesToTheLog) {
+  ASSERT_TRUE(store()
+                  .Write([](Database& database, auto&) {
+                    return database.Execute(
+                        "CREATE TRIGGER full BEFORE INSERT ON events WHEN new.kind GLOB "
+                        "'capture_*' BEGIN SELECT RAISE(ABORT, 'no room'); END");
+                  })
+                  .ok());
+  LetTheDiskRefuse();
+  const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
+  while (FindJob(store(), job->number)->stage != kWaitingForDisk) std::this_thread::sleep_for(2ms);
+  queue_.reset();
+  const auto end = FindJob(store(), job->number);
+  EXPECT_EQ(told_.find("shot " + end->product + ": is lost: "), 0u) << told_;
 }
 
 TEST_F(CaptureJobTest, AWriterThatHangsIsAHungJobForTheWatchdog) {

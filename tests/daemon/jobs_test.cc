@@ -1,15 +1,19 @@
 #include "daemon/jobs.h"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <atomic>
 #include <condition_variable>
+#include <filesystem>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "daemon/store_captures.h"
@@ -313,6 +317,9 @@ TEST(Jobs, ThatRanWhenTheDaemonDiedAreInterrupted) {
   EXPECT_FALSE(TakeJob(state.store(), {JobKind::kReconstruction})->has_value());
   EXPECT_EQ(state.Reopen().recovery().interrupted, std::vector<int64_t>{job->number});
   EXPECT_EQ(FindJob(state.store(), job->number)->state, JobState::kInterrupted);
+  EXPECT_NE(FindJob(state.store(), job->number)->error.find("could not store how"),
+            std::string::npos)
+      << "nobody knows whether it died";
   EXPECT_EQ(CountJobs(state.store(), JobState::kInterrupted).value(), 1u);
 }
 
@@ -363,6 +370,36 @@ TEST(Jobs, ThatCannotBeTakenFromTheStoreAreToldOfOnce) {
   EXPECT_FALSE(queue.Trouble().has_value());
   const std::lock_guard lock(mutex);
   EXPECT_EQ(told.size(), 1u);
+}
+
+TEST(Jobs, ThatEndWithTheDaemonOnAFullDiskGetTheRoomThatWasSetAside) {
+  DaemonState state;
+  const std::filesystem::path spare = state.folder() / "spare-room";
+  struct stat file {};
+  ASSERT_EQ(::stat(spare.c_str(), &file), 0);
+  EXPECT_GE(file.st_blocks * 512, 1 << 20) << "it has its room";
+  Gate gate;
+  std::optional<JobQueue> queue(
+      std::in_place, state.store(),
+      CapturesDo([&](const JobRecord&, JobContext& context) { return gate.Pass(context); }),
+      JobQueue::Options());
+  ASSERT_TRUE(queue->Submit(JobKind::kCapture, "{}", "").ok());
+  gate.WaitUntilEntered(1);
+  ASSERT_TRUE(state.store()
+                  .Write([](Database& database, auto&) {
+                    return database.Execute(
+                        "CREATE TRIGGER full BEFORE UPDATE ON jobs BEGIN SELECT RAISE(ABORT, 'no "
+                        "room'); END");
+                  })
+                  .ok());
+  queue.reset();
+  EXPECT_FALSE(std::filesystem::exists(spare));
+  ASSERT_TRUE(
+      state.store()
+          .Write([](Database& database, auto&) { return database.Execute("DROP TRIGGER full"); })
+          .ok());
+  state.Reopen();
+  EXPECT_TRUE(std::filesystem::exists(spare)) << "for the next end";
 }
 
 TEST(Jobs, AreRefusedWhenTooManyWait) {

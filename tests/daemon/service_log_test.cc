@@ -29,6 +29,8 @@ TEST(ServiceLog, WarnsOfResultsThatAreNotSureAndOfCamerasThatAreNotInPlace) {
   EXPECT_EQ(LevelOf({1, "", "camera_moved", "c0", "{}"}), "warning\n");
   EXPECT_EQ(LevelOf({1, "", "camera_unregistered", "c0", "{}"}), "warning\n");
   EXPECT_EQ(LevelOf({1, "", "camera_back", "c0", "{}"}), "info\n");
+  EXPECT_EQ(LevelOf({1, "", "capture_waits", "x", "{}"}), "warning\n");
+  EXPECT_EQ(LevelOf({1, "", "capture_lost", "x", "{}"}), "error\n");
   EXPECT_EQ(LevelOf({1, "", "job_progress", "1", "{}"}), "");
 }
 

@@ -3,6 +3,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <string>
@@ -53,8 +54,8 @@ TEST(SystemdNotify, SaysWhatSystemdUnderstands) {
   EXPECT_EQ(systemd.Next(), "STATUS=89 of 90 cameras ready");
   NotifyAlive();
   EXPECT_EQ(systemd.Next(), "WATCHDOG=1");
-  NotifyStopping();
-  EXPECT_EQ(systemd.Next(), "STOPPING=1");
+  NotifyStopping(std::chrono::milliseconds(45000));
+  EXPECT_EQ(systemd.Next(), "STOPPING=1\nEXTEND_TIMEOUT_USEC=50000000");
   EXPECT_EQ(systemd.Next(), "");
 }
 

@@ -74,7 +74,7 @@ class HostileDatabase : public testing::Test {
   void AddCapture(const std::string& id, const std::string& file) {
     Execute("INSERT INTO captures (id, captured_at, ok_frames, frames) VALUES ('" + id +
             "', '2020-01-01T00:00:00Z', 1, 1); INSERT INTO frames VALUES ('" + id +
-            "', 'c0', 'S', '" + file + "', 'ok', '', 8, 8)");
+            "', 'c0', 'S', '" + file + "', 'ok', '', 8, 8, '')");
   }
   void AddReconstruction(const std::string& id, const std::string& capture) {
     Execute("INSERT INTO reconstructions SELECT '" + id + "', '" + capture +

@@ -284,7 +284,7 @@ TEST(Store, WritesAheadSyncsFullyAndKeepsReferences) {
   EXPECT_FALSE(state.store()
                    .Write([](Database& database, auto&) {
                      return database.Execute(
-                         "INSERT INTO frames VALUES ('none', 'c0', '', '', 'ok', '', 8, 8)");
+                         "INSERT INTO frames VALUES ('none', 'c0', '', '', 'ok', '', 8, 8, '')");
                    })
                    .ok())
       << "a frame of no capture";
@@ -370,6 +370,9 @@ TEST(StoreSchema, ADatabaseOfTheFirstVersionGetsWhatCameLater) {
     ASSERT_TRUE(database
                     ->Execute("INSERT INTO calibrations (id, created_at, source, cameras, active) "
                               "VALUES ('now', '2026-01-01T00:00:00.000Z', 'charuco', 1, 1);"
+                              "INSERT INTO captures (id, captured_at, ok_frames, frames) VALUES "
+                              "('x', '2026-01-01T00:00:00.000Z', 0, 1);"
+                              "INSERT INTO frames VALUES ('x', 'c0', 'S', '', 'missing', '', 8, 8);"
                               "INSERT INTO drift VALUES ('now', 'c0', '2026-01-01T00:00:00.000Z', "
                               "'x', 'x-r1', 0, 0, NULL, NULL, 0, NULL), ('now', 'c0', "
                               "'2026-01-02T00:00:00.000Z', 'y', 'y-r1', 1, 9, NULL, NULL, 1, NULL)")
@@ -385,6 +388,11 @@ TEST(StoreSchema, ADatabaseOfTheFirstVersionGetsWhatCameLater) {
   EXPECT_NE(
       PlanOf(**store, "SELECT 1 FROM jobs WHERE kind = 'a' AND body = 'b'").find("jobs_by_body"),
       std::string::npos);
+  const auto frames = ListFrames(**store, "x");
+  ASSERT_TRUE(frames.ok()) << frames.error().ToString();
+  EXPECT_EQ(frames->at(0).status, "missing");
+  EXPECT_EQ(frames->at(0).reason, "");
+  EXPECT_EQ(FindCalibration(**store, "now")->made_from, "");
   const auto drift = DriftNow(**store);
   ASSERT_TRUE(drift.ok()) << drift.error().ToString();
   ASSERT_EQ(drift->size(), 1u);
@@ -541,7 +549,7 @@ TEST(Store, PagesThroughTwoThousandCaptures) {
                         ") "
                         "INSERT INTO frames SELECT id, printf('c%02d', i), '', "
                         "'captures/' || id || '/f', 'ok', "
-                        "'0123456789abcdef', 1200, 1600 FROM captures, n");
+                        "'0123456789abcdef', 1200, 1600, '' FROM captures, n");
                   })
                   .ok());
   std::set<std::string> seen;

@@ -2,6 +2,7 @@
 // nothing else than curl to talk to it.
 
 #include <gtest/gtest.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -16,6 +17,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "sfm/core/calibration.h"
@@ -507,6 +509,11 @@ void DaemonSystem::Reload() {
   const std::string wrong = reload_with("[food]\n");
   EXPECT_NE(wrong.find(": food"), std::string::npos) << wrong;
   EXPECT_NE(wrong.find("the configuration is kept as it was"), std::string::npos) << wrong;
+  const auto is_told = [&] {
+    const std::string problems = daemon.Get("/v1/status")["problems"].dump();
+    return problems.find("the configuration was not reloaded") != std::string::npos;
+  };
+  EXPECT_TRUE(is_told());
   fs::rename(daemon / "first.toml", file);
   std::ifstream first(file);
   std::string text(std::istreambuf_iterator<char>(first), {});
@@ -517,6 +524,7 @@ void DaemonSystem::Reload() {
   EXPECT_EQ(daemon.Get("/v1/status")["disk"]["reserve_bytes"], 10000000);
   reload_with("");
   EXPECT_EQ(daemon.Get("/v1/status")["disk"]["reserve_bytes"], 11000000);
+  EXPECT_FALSE(is_told());
 }
 
 /// Nothing is forgotten.
@@ -626,6 +634,16 @@ std::vector<std::string> Told(const std::string& log, const std::string& word) {
     told.push_back(log.substr(begin, log.find('\n', begin) - begin));
   }
   return told;
+}
+
+TEST(DaemonStart, MakesAStateFolderForItsUserAlone) {
+  Daemon daemon({.cameras = NoCameras()});
+  daemon.Start();
+  ASSERT_TRUE(daemon.notify().WaitFor("READY=1", kPatience)) << daemon.Log();
+  EXPECT_EQ(fs::status(daemon.State()).permissions(), fs::perms::owner_all);
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(daemon.State())) {
+    EXPECT_EQ(entry.status().permissions() & ~fs::perms::owner_all, fs::perms::none) << entry;
+  }
 }
 
 TEST(DaemonStop, EndsEverythingInTheReverseOrderOfItsStart) {
@@ -769,6 +787,62 @@ TEST(ClientCommands, ListsGoOnWhereTheySay) {
   EXPECT_EQ(rest.find(hint), std::string::npos) << "there are no more: " << rest;
   EXPECT_EQ(RunProcess({ROTUNDA_COMMAND, "drift", "--after", next}).exit_code, 2) << "of whom?";
   EXPECT_EQ(RunProcess({ROTUNDA_COMMAND, "captures", "a", "--after", next}).exit_code, 2);
+}
+
+/// Answers one request after the other with these bodies, then ends connections without an answer.
+class ScriptedDaemon {
+ public:
+  explicit ScriptedDaemon(std::vector<std::string> bodies)
+      : listening_(test::ListenAsSystemd(Socket())), thread_([this, bodies = std::move(bodies)] {
+          for (const std::string& body : bodies) Answer(body);
+          while (Take() >= 0) close(taken_);
+        }) {}
+  ~ScriptedDaemon() {
+    shutdown(listening_, SHUT_RDWR);  // ends accept()
+    thread_.join();
+    close(listening_);
+  }
+  fs::path Socket() const { return folder_ / "api.sock"; }
+
+ private:
+  int Take() { return taken_ = accept(listening_, nullptr, nullptr); }
+  void Answer(const std::string& body) {
+    if (Take() < 0) return;
+    char request[4096];
+    const std::string answer =
+        "HTTP/1.1 200 OK\r\nContent-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body;
+    EXPECT_GT(recv(taken_, request, sizeof(request), 0), 0);
+    EXPECT_EQ(send(taken_, answer.data(), answer.size(), MSG_NOSIGNAL),
+              static_cast<ssize_t>(answer.size()));
+    close(taken_);
+  }
+
+  test::TemporaryFolder folder_;
+  int listening_;
+  int taken_ = -1;
+  std::thread thread_;
+};
+
+TEST(ClientCommands, NameTheJobWhoseDaemonHasGone) {
+  const ScriptedDaemon daemon({R"({"id": 7})"});
+  const ProcessOutcome outcome =
+      RunProcess({ROTUNDA_COMMAND, "capture", "--socket", daemon.Socket()});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_NE(outcome.errors.find("job 7: "), std::string::npos) << outcome.errors;
+  EXPECT_NE(outcome.errors.find("`rotunda jobs 7 --rerun`"), std::string::npos) << outcome.errors;
+}
+
+TEST(ClientCommands, SayOnceThatAShotWaitsForTheDiskAlsoInAPipe) {
+  const std::string waits = R"({"id": 7, "state": "running", "progress":)"
+                            R"( {"stage": "waiting for the disk", "done": 0, "total": 1}})";
+  const ScriptedDaemon daemon(
+      {R"({"id": 7})", waits, waits, R"({"id": 7, "state": "failed", "error": "a reason"})"});
+  const ProcessOutcome outcome =
+      RunProcess({ROTUNDA_COMMAND, "capture", "--socket", daemon.Socket()});
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.errors,
+            "rotunda: job 7: the shot is taken and waits for the disk: make room there (`rotunda "
+            "status` says where and why)\nrotunda: job 7: a reason\n");
 }
 
 TEST(ClientCommands, SayWhatToDoWithoutADaemon) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <string>
 #include <vector>
@@ -39,6 +40,15 @@ class ServeCameras : public testing::Test {
   }
   static inline std::unique_ptr<TemporaryFolder> folder_;
 };
+
+TEST(SimulateCommand, TakesAllCamerasOfTheRigThatItIsGiven) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "small.toml") << "[rig]\ncolumns = 3\nrows = 2\n";
+  const ProcessOutcome outcome =
+      Simulate({folder / "out", "--rig", folder / "small.toml", "--scale", "0.06"});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.errors;
+  EXPECT_TRUE(Contains(outcome.output, "Wrote 6 pictures")) << outcome.output;
+}
 
 TEST_F(ServeCameras, TakeCommandsUntilTheyAreEnded) {
   ServedCameras served(At("127.42.1"));
