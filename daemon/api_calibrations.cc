@@ -28,10 +28,9 @@ HttpResponse Activate(Store& store, const std::string& id) {
 /// A camera that is not configured may have been: then it has a history.
 HttpResponse OneCamerasDrift(const ApiParts& parts, const std::string& camera, const Page& page) {
   const auto history = DriftHistory(parts.store, camera, page);
-  const std::vector<rig::CameraState> states = parts.station.States();
+  const std::vector<std::string> configured = parts.station.CameraNames();
   const bool is_configured =
-      std::any_of(states.begin(), states.end(),
-                  [&camera](const rig::CameraState& state) { return state.camera == camera; });
+      std::find(configured.begin(), configured.end(), camera) != configured.end();
   if (history && history->items.empty() && page.after.empty() && !is_configured) {
     return Problem(404, "there is no camera '" + camera + "', and none of this name has been");
   }

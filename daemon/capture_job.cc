@@ -204,6 +204,7 @@ class ShotWait {
   /// While the disk refuses it for this reason: whether to wait on.
   bool GoesOn(const Error& why) {
     if (!since_) Begin(why);
+    why_ = why;
     const auto ending = context_.ending();
     given_up_ = ending && *ending >= options_.end_patience;
     return !given_up_;
@@ -211,10 +212,10 @@ class ShotWait {
   bool given_up() const { return given_up_; }
 
   /// What to say of a shot that is given up, and has not been written all the same.
-  Error Lost(const Error& why) const {
+  Error Lost() const {
     const Error lost{ErrorCode::kIo,
                      "is lost: the disk refused it for " + Seconds() +
-                         ", until the end of the daemon (" + why.ToString() + ")",
+                         ", until the end of the daemon (" + why_.ToString() + ")",
                      "shot " + id_};
     store_.FreeSpareRoom();
     Tell("capture_lost", lost);
@@ -258,6 +259,7 @@ class ShotWait {
   const std::string& id_;
   JobContext& context_;
   std::optional<Clock::time_point> since_;
+  Error why_;
   bool given_up_ = false;
 };
 
@@ -328,7 +330,7 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
     ROTUNDA_ASSIGN_OR_RETURN(rig::FrameSetOrder order, Order(id, request, notes));
     Result<CaptureStation::Taken> taken = station.Take(
         std::move(order), [&wait](const Error& why) { return wait.GoesOn(why); }, context);
-    if (!taken) return wait.given_up() ? wait.Lost(taken.error()) : taken.error();
+    if (!taken) return wait.given_up() ? wait.Lost() : taken.error();
     shot = std::move(taken->shot);
   }
   const std::optional<NewJob> follow_up = FollowUp(request, id);

@@ -171,6 +171,8 @@ Result<std::unique_ptr<Store>> Store::Open(StoreOptions options, EventHub& event
     ROTUNDA_RETURN_IF_ERROR(CheckWritableFile(state / file));
   }
   ROTUNDA_RETURN_IF_ERROR(store->LockFolder());
+  // What an earlier run left of it is for recovery, which writes too.
+  store->FreeSpareRoom();
   ROTUNDA_RETURN_IF_ERROR(store->OpenDatabase());
   Result<RecoveryReport> recovery = Recover(*store);
   if (!recovery) {

@@ -33,7 +33,7 @@ fs::path NearestThere(fs::path place) {
   return place.empty() ? "." : place;
 }
 
-/// "rotunda:rotunda, mode 0750".
+/// "rotunda:rotunda, mode 0700".
 std::string AccessOf(const fs::path& place) {
   struct stat found {};
   if (::stat(place.c_str(), &found) != 0) return "unknown";
@@ -56,7 +56,7 @@ Error NotWritable(const fs::path& place, int error) {
   const std::string name = place.string();
   const std::string remedy =
       there == place ? "chown " + user + ":" + group + " " + name + " && chmod u+rwX " + name
-                     : "install -d -o " + user + " -g " + group + " -m 0750 " + name;
+                     : "install -d -o " + user + " -g " + group + " -m 0700 " + name;
   return {ErrorCode::kIo,
           why + "; " + there.string() + " is of " + AccessOf(there) + ", and " + user + ":" +
               group + " is to read and write " + name + ": " + remedy,

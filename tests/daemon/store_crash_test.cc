@@ -8,6 +8,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <mutex>
 #include <random>
 #include <set>
@@ -364,6 +365,25 @@ TEST(StoreFullDisk, AFullDiskLosesNothing) {
   for (const std::string& id : acknowledged) EXPECT_TRUE(FindCapture(**store, id).ok()) << id;
   EXPECT_TRUE(JobsIn(**store, JobState::kRunning).empty());
   EXPECT_GT(acknowledged.size(), 2u);
+}
+
+/// As after a crash, while nobody has made room.
+TEST(StoreFullDisk, TheNextStartHasTheRoomThatWasSetAside) {
+  const test::SmallDisk disk(4 << 20);
+  if (!disk.mounted()) GTEST_SKIP() << "a small disk can be mounted by root only";
+  EventHub hub;
+  auto store = OpenStore(disk.path(), hub);
+  ASSERT_TRUE(store.ok()) << store.error().ToString();
+  const auto job = AddJob(**store, {JobKind::kCapture, "{}", ""});
+  ASSERT_TRUE(TakeJob(**store, {JobKind::kCapture}).ok());
+  store->reset();
+  std::ofstream filler(disk.path() / "filler", std::ios::binary);
+  const std::string page(4096, 'f');
+  while (filler.write(page.data(), 4096).flush()) {
+  }
+  store = OpenStore(disk.path(), hub);
+  ASSERT_TRUE(store.ok()) << store.error().ToString();
+  EXPECT_EQ(FindJob(**store, job->number)->state, JobState::kInterrupted);
 }
 
 }  // namespace
