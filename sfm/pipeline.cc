@@ -362,6 +362,7 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
   poses.options = DescribeOptions(run, incremental.refine_intrinsics);
   if (built.tc_sfm) {
     AddVerdict(*built.tc_sfm, poses);
+    if (run.options.calibration_prior) poses.summary.verdict_of_pictures.clear();
     reference.notes.insert(reference.notes.begin(), built.tc_sfm->notes.begin(),
                            built.tc_sfm->notes.end());
     NoteDoubtfulSides(run.set, *built.tc_sfm, reference.notes);

@@ -82,7 +82,7 @@ struct PoseSummary {
                                // give one
   std::string verdict_reason;  // one line; empty with the verdict
   /// What the pictures alone say, before the calibration is looked at, which can only make it
-  /// worse; empty: the method gives none, or the file is of a version that did not tell.
+  /// worse; empty: the method gives none, the calibration was a prior, or the file is older.
   std::string verdict_of_pictures;
   /// Log-likelihood (natural) that speaks against everything that looks alike; absent when nothing
   /// does.

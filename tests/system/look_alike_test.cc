@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -44,6 +45,10 @@ class LookAlikeCapture : public testing::Test {
                 {"reconstruct", Set(), "--out", folder_ / out, "--stages", stages, "--json"});
     return Told(more);
   }
+  nlohmann::json Summary(const std::string& out) {
+    std::ifstream file(folder_ / out / "poses.json");
+    return nlohmann::json::parse(file)["summary"];
+  }
   nlohmann::json Errors(const std::string& out) {
     return Told({"evaluate", folder_ / out / "poses.json", "--truth", folder_ / "set/truth.json",
                  "--json"});
@@ -57,9 +62,11 @@ class LookAlikeCapture : public testing::Test {
 TEST_F(LookAlikeCapture, IsNotSureAloneAndRightWithTheCalibrationAsPrior) {
   EXPECT_EQ(Reconstruct("alone", {})["verdict"], "folded");
   EXPECT_EQ(Errors("alone")["folded"], true) << "the capture is too easy to prove anything";
+  EXPECT_TRUE(Summary("alone").contains("verdict_of_pictures"));
 
   const nlohmann::json told = Reconstruct("prior", {"--prior", "calibration"});
   EXPECT_EQ(told["verdict"], "sure") << told["verdict_reason"];
+  EXPECT_FALSE(Summary("prior").contains("verdict_of_pictures")) << "not of the pictures alone";
   const nlohmann::json errors = Errors("prior");
   EXPECT_EQ(errors["registered"], 30);
   EXPECT_EQ(errors["folded"], false);
