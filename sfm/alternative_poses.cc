@@ -101,14 +101,21 @@ double EvidenceAgainst(const RegionCounts& at_alternatives, const RegionCounts& 
 }
 
 /// Log-likelihood of seeing none of the regions that one image misses rather than all, <= 0.
-double Missed(const RegionCounts& regions) {
+double Missed(const RegionCounts& regions, uint32_t MeetingCount::*met) {
   double missed = 0;
   for (const MeetingCount& count : regions) {
     missed += std::min(
-        0.0, count.met * std::log(kMetShare / kMetByChance) +
-                 (count.expected - count.met) * std::log((1 - kMetShare) / (1 - kMetByChance)));
+        0.0, count.*met * std::log(kMetShare / kMetByChance) +
+                 (count.expected - count.*met) * std::log((1 - kMetShare) / (1 - kMetByChance)));
   }
   return missed;
+}
+
+void Weigh(const RegionCounts& at_own, const RegionCounts& at_alternative, AlternativePose& pose) {
+  pose.evidence_against =
+      Missed(at_own, &MeetingCount::met) - Missed(at_alternative, &MeetingCount::met);
+  pose.evidence_for =
+      Missed(at_alternative, &MeetingCount::in_place) - Missed(at_own, &MeetingCount::in_place);
 }
 
 }  // namespace
@@ -139,15 +146,15 @@ Alternatives FindAlternatives(const Reconstruction& model, const Features& featu
       at_own.size(),
       [&](size_t i) {
         if (!model.Registered(ImageId(i))) return;
-        at_own[i] = counter.CountAt(ImageId(i), *model.cam_from_model[i]);
+        at_own[i] = counter.CountAt(ImageId(i), *model.cam_from_model[i], options.max_error_px);
       },
       context.stop);
   context.threads.ParallelFor(
       at_alternatives.size(),
       [&](size_t a) {
         AlternativePose& pose = alternatives.poses[a];
-        at_alternatives[a] = counter.CountAt(pose.image, pose.cam_from_model);
-        pose.evidence_against = Missed(at_own[pose.image.index()]) - Missed(at_alternatives[a]);
+        at_alternatives[a] = counter.CountAt(pose.image, pose.cam_from_model, options.max_error_px);
+        Weigh(at_own[pose.image.index()], at_alternatives[a], pose);
       },
       context.stop);
   alternatives.evidence_against = EvidenceAgainst(SumOver(at_alternatives), SumOver(at_own));

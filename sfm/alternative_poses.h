@@ -18,9 +18,12 @@ namespace rotunda::sfm {
 struct AlternativePose {
   ImageId image;
   Rigid3 cam_from_model;
-  /// Log-likelihood (natural) by which what the image misses there exceeds what it misses where the
-  /// model has it; about 0: nothing tells, negative: the image is on the wrong side.
+  /// Log-likelihoods (natural) by which what the image misses there exceeds what it misses where
+  /// the model has it, and the reverse. Each by the count that is the harder to satisfy: against it
+  /// speaks what the image meets nowhere in the picture, for it what it meets where the alternative
+  /// has it; a pose that merely looks at the same things from another place meets them elsewhere.
   double evidence_against = 0;
+  double evidence_for = 0;
 };
 
 struct Alternatives {
@@ -34,7 +37,7 @@ struct Alternatives {
 struct AlternativeOptions {
   size_t min_inliers = 30;
   double min_rotation_rad = RadFromDeg(10.0);  // off the model's own pose
-  double max_error_px = 12.0;
+  double max_error_px = 12.0;  // of a match that supports the pose, and of what it meets in place
 };
 
 /// The poses that verified matches between images of the model support although the model's own

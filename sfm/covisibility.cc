@@ -9,7 +9,7 @@
 namespace rotunda::sfm {
 namespace {
 
-/// Of every keypoint the images that a verified match joins it with.
+/// Of every keypoint those of other images that a verified match joins it with.
 class MatchPartners {
  public:
   MatchPartners(const Features& features, const TwoViews& two_views, const ViewGraph& graph) {
@@ -18,18 +18,19 @@ class MatchPartners {
     }
     for (const ViewGraphEdge& edge : graph.edges) {
       for (const Match& match : two_views.pairs[edge.two_view].inliers) {
-        of_keypoint_[edge.pair.first.index()][match.first.index()].push_back(edge.pair.second);
-        of_keypoint_[edge.pair.second.index()][match.second.index()].push_back(edge.pair.first);
+        of_keypoint_[edge.pair.first.index()][match.first.index()].push_back(
+            {edge.pair.second, match.second});
+        of_keypoint_[edge.pair.second.index()][match.second.index()].push_back(
+            {edge.pair.first, match.first});
       }
     }
   }
-  bool Joined(const Observation& observation, ImageId image) const {
-    const auto& partners = of_keypoint_[observation.image.index()][observation.keypoint.index()];
-    return std::find(partners.begin(), partners.end(), image) != partners.end();
+  const std::vector<Observation>& Of(const Observation& observation) const {
+    return of_keypoint_[observation.image.index()][observation.keypoint.index()];
   }
 
  private:
-  std::vector<std::vector<std::vector<ImageId>>> of_keypoint_;
+  std::vector<std::vector<std::vector<Observation>>> of_keypoint_;
 };
 
 constexpr size_t kMinObservers = 3;  // two that enclose, and the image itself may be one
@@ -200,10 +201,29 @@ struct CovisibilityCounter::Impl {
     return {};
   }
 
+  /// Squared distance of the point's projection to the nearest keypoint by which the image meets
+  /// it, px^2; infinite where it does not.
+  double MetAt_px2(const Viewpoint& view, const SeenPoint& seen,
+                   const std::vector<size_t>& observers) const {
+    const auto pixel =
+        model.intrinsics.of(view.image).Project(view.cam_from_model * seen.point->position);
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const size_t k : observers) {
+      for (const Observation& partner : partners.Of(seen.point->observations[k])) {
+        if (partner.image != view.image) continue;
+        const Keypoint& met = features.image(view.image).keypoints[partner.keypoint.index()];
+        nearest = std::min(nearest, (Eigen::Vector2d(met.x_px, met.y_px) - *pixel).squaredNorm());
+      }
+    }
+    return nearest;
+  }
+
   bool Met(const Viewpoint& view, const SeenPoint& seen,
            const std::vector<size_t>& observers) const {
     return std::any_of(observers.begin(), observers.end(), [&](size_t k) {
-      return partners.Joined(seen.point->observations[k], view.image);
+      const auto& joined = partners.Of(seen.point->observations[k]);
+      return std::any_of(joined.begin(), joined.end(),
+                         [&](const Observation& partner) { return partner.image == view.image; });
     });
   }
 
@@ -255,8 +275,8 @@ CovisibilityCounter::CovisibilityCounter(const Reconstruction& model, const Feat
 
 CovisibilityCounter::~CovisibilityCounter() = default;
 
-std::vector<MeetingCount> CovisibilityCounter::CountAt(ImageId image,
-                                                       const Rigid3& cam_from_model) const {
+std::vector<MeetingCount> CovisibilityCounter::CountAt(ImageId image, const Rigid3& cam_from_model,
+                                                       double max_error_px) const {
   const Viewpoint view = impl_->At(image, cam_from_model);
   std::vector<MeetingCount> counts(impl_->regions.size());
   for (size_t r = 0; r < counts.size(); ++r) {
@@ -266,7 +286,9 @@ std::vector<MeetingCount> CovisibilityCounter::CountAt(ImageId image,
       const std::vector<size_t> observers = impl_->EnclosingObservers(view, seen);
       if (observers.empty()) continue;
       ++counts[r].expected;
-      counts[r].met += impl_->Met(view, seen, observers);
+      const double met_at_px2 = impl_->MetAt_px2(view, seen, observers);
+      counts[r].met += std::isfinite(met_at_px2);
+      counts[r].in_place += met_at_px2 <= max_error_px * max_error_px;
     }
   }
   return counts;

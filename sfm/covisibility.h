@@ -65,6 +65,7 @@ struct CovisibilityOptions {
 struct MeetingCount {
   uint32_t expected = 0;
   uint32_t met = 0;
+  uint32_t in_place = 0;  // of those met, by a keypoint that lies where the pose has the point
 };
 
 /// What one model and the verified matches say of its images, region by region. An image is
@@ -85,7 +86,9 @@ class CovisibilityCounter {
   /// Every pair of images of the model.
   Covisibility CountAll(RunContext& context) const;
   /// By region: what `image` would meet if it stood elsewhere; its own observations do not count.
-  std::vector<MeetingCount> CountAt(ImageId image, const Rigid3& cam_from_model) const;
+  /// In place: at most `max_error_px` off.
+  std::vector<MeetingCount> CountAt(ImageId image, const Rigid3& cam_from_model,
+                                    double max_error_px) const;
 
  private:
   struct Impl;

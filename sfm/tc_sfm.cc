@@ -247,7 +247,7 @@ std::vector<ImageId> DoubtfulImages(const State& state, const Alternatives& alte
   for (const AlternativePose& pose : alternatives.poses) {
     double& doubt = contradicting[pose.image.index()];
     if (pose.evidence_against >= kDecidedForImage) doubt = 0;
-    if (pose.evidence_against <= -kDecidedForImage) doubt = std::numeric_limits<double>::infinity();
+    if (pose.evidence_for >= kDecidedForImage) doubt = std::numeric_limits<double>::infinity();
   }
   std::vector<ImageId> doubtful;
   for (size_t i = 0; i < agreeing.size(); ++i) {

@@ -75,6 +75,80 @@ TEST(AlternativePoses, NoneWhereNothingLooksAlike) {
   EXPECT_EQ(alternatives.evidence_against, 0);
 }
 
+/// Matches of two neighbours that would have image 0 turned about the body by `turn_rad`: each of
+/// its keypoints with that of the point which, from there, is seen nearest to it.
+TwoView TurningMatches(const test::SyntheticWorld& world, ImageId other, double turn_rad) {
+  constexpr double kNear_px = 4.0;
+  const ImageId image(0);
+  const Rigid3 turned =
+      world.cam_from_world[0] *
+      Rigid3{Eigen::Quaterniond(Eigen::AngleAxisd(turn_rad, Eigen::Vector3d::UnitZ())),
+             Eigen::Vector3d::Zero()};
+  TwoView view;
+  view.pair = {image, other};
+  const std::vector<Keypoint>& keypoints = world.features.image(image).keypoints;
+  const std::vector<size_t>& seen = world.point_of_keypoint[other.index()];
+  for (size_t k = 0; k < keypoints.size(); ++k) {
+    for (size_t l = 0; l < seen.size(); ++l) {
+      const auto pixel = world.intrinsics.of(image).Project(turned * world.points[seen[l]]);
+      if (!pixel) continue;
+      const Eigen::Vector2d off = *pixel - Eigen::Vector2d(keypoints[k].x_px, keypoints[k].y_px);
+      if (off.norm() > kNear_px) continue;
+      view.inliers.push_back({KeypointId(k), KeypointId(l)});
+      break;
+    }
+  }
+  return view;
+}
+
+TEST(AlternativePoses, NothingSpeaksForOneThatSeesTheSameThingsInOtherPlaces) {
+  test::SyntheticOptions options;
+  options.columns = 20;
+  options.points = 4000;
+  const test::SyntheticWorld world = test::MakeSyntheticWorld(options);
+  const Reconstruction truth = TrueReconstruction(world);
+  TwoViews two_views = world.two_views;
+  const auto turning = std::find_if(two_views.pairs.begin(), two_views.pairs.end(),
+                                    [](const TwoView& v) { return v.pair.first == ImageId(0); });
+  ASSERT_NE(turning, two_views.pairs.end());
+  TwoViews agreeing = two_views;
+  agreeing.pairs.erase(agreeing.pairs.begin() + (turning - two_views.pairs.begin()));
+  *turning = TurningMatches(world, turning->pair.second, RadFromDeg(15));
+  ThreadPool pool(2);
+  RunContext context{pool};
+  const Alternatives alternatives =
+      FindAlternatives(truth, world.features, two_views, agreeing, {}, {}, context);
+  ASSERT_GE(alternatives.poses.size(), 1u);
+  const AlternativePose& pose = alternatives.poses.front();
+  ASSERT_EQ(pose.image, ImageId(0));
+  const double turn_rad =
+      RotationAngle_rad(pose.cam_from_model.rotation, truth.cam_from_model[0]->rotation);
+  EXPECT_NEAR(DegFromRad(turn_rad), 15, 1);
+  EXPECT_LT(pose.evidence_for, -50);
+}
+
+TEST(AlternativePoses, EvidenceForOneOfAnImageOnTheWrongSide) {
+  // Image 0 is where its crossed matches would have it: the alternative is its true place.
+  const LookAlikeWorld look_alike = MakeLookAlikeWorld(FoldingOptions());
+  const test::SyntheticWorld& world = look_alike.world;
+  Reconstruction model = TrueReconstruction(world);
+  const Rigid3 half_turn{Eigen::Quaterniond(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitZ())),
+                         Eigen::Vector3d::Zero()};
+  model.cam_from_model[0] = world.cam_from_world[0] * half_turn;
+  ThreadPool pool(2);
+  RunContext context{pool};
+  const TwoViews agreeing = AgreeingMatches(model, world.features, world.two_views, {}, context);
+  const Alternatives alternatives =
+      FindAlternatives(model, world.features, world.two_views, agreeing, {}, {}, context);
+  ASSERT_GE(alternatives.poses.size(), 1u);
+  const AlternativePose& pose = alternatives.poses.front();
+  ASSERT_EQ(pose.image, ImageId(0));
+  EXPECT_LT(RotationAngle_rad(pose.cam_from_model.rotation, world.cam_from_world[0].rotation),
+            RadFromDeg(0.5));
+  EXPECT_GT(pose.evidence_for, 3);
+  EXPECT_LT(pose.evidence_against, -3);
+}
+
 TEST(AlternativePoses, OptionsSayWhatCountsAsOne) {
   const LookAlikeWorld look_alike = MakeLookAlikeWorld(FoldingOptions());
   EXPECT_TRUE(Find(look_alike, 2, {.min_inliers = 100000}).poses.empty());

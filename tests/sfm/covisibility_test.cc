@@ -226,7 +226,7 @@ TEST(Covisibility, CountAtIgnoresTheImagesOwnObservations) {
   const auto at = [&](double azimuth_deg) {
     const CovisibilityCounter counter(scene.model, scene.features, scene.two_views, scene.Graph(),
                                       OneRegion());
-    return counter.CountAt(ImageId(1), PoseAt(azimuth_deg)).at(0);
+    return counter.CountAt(ImageId(1), PoseAt(azimuth_deg), 12).at(0);
   };
   EXPECT_EQ(at(0).expected, 1u) << "enclosed by 0 and 2 for the first point alone";
   EXPECT_EQ(at(0).met, 0u);
@@ -235,6 +235,27 @@ TEST(Covisibility, CountAtIgnoresTheImagesOwnObservations) {
   scene.Join(0, 2, 1);
   EXPECT_EQ(at(0).met, 1u);
   EXPECT_EQ(at(35).met, 0u);
+}
+
+TEST(Covisibility, WhatIsMetElsewhereInThePictureIsNotInPlace) {
+  // Image 1 stands at 0 degrees, where the point projects to the middle of its picture.
+  HandMade scene({-10, 0, 10, 60});
+  scene.AddPoint({0, 0, 0}, {0, 2, 3});
+  scene.Join(0, 1, 1);
+  const auto met_at = [&](float x_px) {
+    scene.features.images[1].keypoints[0] = {x_px, 0.5f * kSide_px, 1, 0};
+    const CovisibilityCounter counter(scene.model, scene.features, scene.two_views, scene.Graph(),
+                                      OneRegion());
+    return counter.CountAt(ImageId(1), PoseAt(0), 12).at(0);
+  };
+  for (const float x_px : {489.0f, 500.0f, 511.0f}) {
+    EXPECT_EQ(met_at(x_px).met, 1u) << x_px;
+    EXPECT_EQ(met_at(x_px).in_place, 1u) << x_px;
+  }
+  for (const float x_px : {10.0f, 487.0f, 513.0f}) {
+    EXPECT_EQ(met_at(x_px).met, 1u) << x_px;
+    EXPECT_EQ(met_at(x_px).in_place, 0u) << x_px;
+  }
 }
 
 /// Sums over regions and pairs, each trial once.
