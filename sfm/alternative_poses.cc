@@ -63,10 +63,9 @@ std::optional<AlternativePose> FindPose(const Reconstruction& model, const Featu
   const Result<AbsolutePose> pose = EstimateAbsolutePose(input, pose_options);
   if (!pose.ok() || pose->inliers.size() < options.min_inliers) return std::nullopt;
   const Eigen::Quaterniond& own = model.cam_from_model[image.index()]->rotation;
-  if (RotationAngle_rad(pose->cam_from_model.rotation, own) < options.min_rotation_rad) {
-    return std::nullopt;
-  }
-  return AlternativePose{image, pose->cam_from_model};
+  const double rotation_rad = RotationAngle_rad(pose->cam_from_model.rotation, own);
+  if (rotation_rad < options.min_rotation_rad) return std::nullopt;
+  return AlternativePose{image, pose->cam_from_model, rotation_rad};
 }
 
 using RegionCounts = std::vector<MeetingCount>;

@@ -18,6 +18,7 @@ namespace rotunda::sfm {
 struct AlternativePose {
   ImageId image;
   Rigid3 cam_from_model;
+  double rotation_rad = 0;  // off the model's own pose
   /// Log-likelihoods (natural) by which what the image misses there exceeds what it misses where
   /// the model has it, and the reverse. Each by the count that is the harder to satisfy: against it
   /// speaks what the image meets nowhere in the picture, for it what it meets where the alternative

@@ -4,7 +4,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 namespace rotunda::sfm {
 namespace {
@@ -16,6 +15,7 @@ constexpr double kParallel = 1e-3;
 struct Axes {
   std::vector<Eigen::Vector3d> centres;
   std::vector<Eigen::Vector3d> directions;
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();  // sum of the pictures' upward directions
 };
 
 Axes OpticalAxes(const Reconstruction& model) {
@@ -24,6 +24,7 @@ Axes OpticalAxes(const Reconstruction& model) {
     if (!cam_from_model) continue;
     axes.centres.push_back(cam_from_model->OriginInSource());
     axes.directions.push_back(cam_from_model->rotation.conjugate() * Eigen::Vector3d::UnitZ());
+    axes.up -= cam_from_model->rotation.conjugate() * Eigen::Vector3d::UnitY();
   }
   return axes;
 }
@@ -45,11 +46,16 @@ std::optional<Eigen::Vector3d> NearestPoint(const Axes& axes) {
   return normal.ldlt().solve(right);
 }
 
-double WidestGap_rad(const Axes& axes, const Eigen::Vector3d& centre, const Eigen::Vector3d& axis) {
-  const Eigen::Vector3d u = axis.unitOrthogonal(), v = axis.cross(u);
+double Azimuth_rad(const CameraRing& ring, const Eigen::Vector3d& camera) {
+  const Eigen::Vector3d u = ring.axis.unitOrthogonal(), v = ring.axis.cross(u);
+  const Eigen::Vector3d from_centre = camera - ring.centre;
+  return std::atan2(v.dot(from_centre), u.dot(from_centre));
+}
+
+double WidestGap_rad(const Axes& axes, const CameraRing& ring) {
   std::vector<double> azimuths_rad;
   for (const Eigen::Vector3d& camera : axes.centres) {
-    azimuths_rad.push_back(std::atan2(v.dot(camera - centre), u.dot(camera - centre)));
+    azimuths_rad.push_back(Azimuth_rad(ring, camera));
   }
   std::sort(azimuths_rad.begin(), azimuths_rad.end());
   double widest_rad = azimuths_rad.front() + 2 * kPi - azimuths_rad.back();
@@ -74,7 +80,19 @@ std::optional<CameraRing> FindCameraRing(const Reconstruction& model) {
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(moments);
   const Eigen::Vector3d axis = eigen.eigenvectors().col(0);
-  return CameraRing{*centre, axis, WidestGap_rad(axes, *centre, axis)};
+  CameraRing ring{*centre, axis.dot(axes.up) < 0 ? -axis : axis, 0};
+  ring.widest_gap_rad = WidestGap_rad(axes, ring);
+  return ring;
+}
+
+std::vector<std::optional<double>> AzimuthsAround(const CameraRing& ring,
+                                                  const Reconstruction& model) {
+  std::vector<std::optional<double>> azimuths_rad;
+  for (const std::optional<Rigid3>& cam_from_model : model.cam_from_model) {
+    std::optional<double>& azimuth_rad = azimuths_rad.emplace_back();
+    if (cam_from_model) azimuth_rad = Azimuth_rad(ring, cam_from_model->OriginInSource());
+  }
+  return azimuths_rad;
 }
 
 }  // namespace rotunda::sfm

@@ -336,6 +336,21 @@ void NoteUnusedPrior(const FrameSet& set, const TcSfmResult& result,
       ListOfNames(names));
 }
 
+size_t FrameOf(const FrameSet& set, const std::string& camera) {
+  const auto found = std::find_if(set.frames.begin(), set.frames.end(),
+                                  [&](const Frame& frame) { return frame.camera == camera; });
+  return static_cast<size_t>(found - set.frames.begin());
+}
+
+/// The front is where the options say.
+void NameSides(const Run& run, const Reconstruction& model, PoseSet& poses,
+               std::vector<std::string>& notes) {
+  const std::string& front = run.options.front_camera;
+  if (AddSides(model, ImageId(FrameOf(run.set, front)), poses)) return;
+  notes.push_back("no sides: camera " + front +
+                  " is not registered, or the cameras do not stand around the subject");
+}
+
 /// Nobody would miss them otherwise.
 void NoteAbsentCameras(const Run& run, const PoseSet& poses, std::vector<std::string>& notes) {
   if (!run.calibration) return;
@@ -362,6 +377,7 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
   poses.options = DescribeOptions(run, incremental.refine_intrinsics);
   if (built.tc_sfm) {
     AddVerdict(*built.tc_sfm, poses);
+    AddEvidence(*built.tc_sfm, poses);
     if (run.options.calibration_prior) poses.summary.verdict_of_pictures.clear();
     reference.notes.insert(reference.notes.begin(), built.tc_sfm->notes.begin(),
                            built.tc_sfm->notes.end());
@@ -371,6 +387,8 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
   if (reference.covariances) AddSigmas(*reference.covariances, model.intrinsics, poses);
   if (reference.alignment) {
     AddCalibrationFigures(*reference.alignment, *run.calibration, poses);
+  } else if (!run.options.front_camera.empty()) {
+    NameSides(run, model, poses, reference.notes);
   }
   if (built.segments) AddSegments(*built.segments, poses);
   NoteAbsentCameras(run, poses, reference.notes);
@@ -382,6 +400,23 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
     result.set.frames[i].height_px = result.features.images[i].height_px;
   }
   return result;
+}
+
+Status CheckFront(const Run& run) {
+  if (run.options.front_camera.empty()) return {};
+  const std::string& front = run.options.front_camera;
+  if (run.calibration) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "the calibration's rig frame already says where the front is; leave it out",
+                 "front"};
+  }
+  if (FrameOf(run.set, front) == run.set.frames.size()) {
+    return Error{ErrorCode::kInvalidArgument,
+                 "\"" + front + "\" is no camera of the frame set; its first is " +
+                     run.set.frames.front().camera,
+                 "front"};
+  }
+  return {};
 }
 
 /// A setting of the features changes nothing of features that are there already.
@@ -468,6 +503,7 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
   if (options.calibration_prior && !calibration) {
     return Error{ErrorCode::kInvalidArgument, "needs a calibration, and there is none", "prior"};
   }
+  ROTUNDA_RETURN_IF_ERROR(CheckFront(run));
   ROTUNDA_RETURN_IF_ERROR(CheckStages(run));
   ROTUNDA_ASSIGN_OR_RETURN(FrontEnd front, RunFrontEnd(run));
 

@@ -41,6 +41,9 @@ struct PipelineOptions {
   /// The calibrated poses, not only the lenses, help to tell look-alike sides apart (tc-sfm). The
   /// result is then no independent evidence that the rig is still where its calibration says.
   bool calibration_prior = false;
+  /// Camera in the middle of the front, by which the others have their sides where no calibration
+  /// gives a rig frame; empty: they have none.
+  std::string front_camera;
   std::optional<bool> refine_intrinsics;  // unset: refined when they do not come from a calibration
   FeatureOptions features;
   MatchOptions matching;

@@ -5,16 +5,21 @@
 #include <cmath>
 #include <map>
 
+#include "sfm/camera_ring.h"
+
 namespace rotunda::sfm {
 namespace {
 
-/// "front" within 45 degrees of azimuth 0 of the rig frame, and so on counter-clockwise.
-std::string SideOf(const Rigid3& cam_from_rig) {
-  const Eigen::Vector3d center_m = cam_from_rig.OriginInSource();
-  const double azimuth_deg = DegFromRad(std::atan2(center_m.y(), center_m.x()));
+/// "front" within 45 degrees of azimuth 0, and so on counter-clockwise. In (-180, 180].
+std::string SideAt(double azimuth_deg) {
   if (std::abs(azimuth_deg) <= 45) return "front";
   if (std::abs(azimuth_deg) >= 135) return "back";
   return azimuth_deg > 0 ? "left" : "right";
+}
+
+std::string SideOf(const Rigid3& cam_from_rig) {
+  const Eigen::Vector3d center_m = cam_from_rig.OriginInSource();
+  return SideAt(DegFromRad(std::atan2(center_m.y(), center_m.x())));
 }
 
 /// A fold takes cameras along in numbers; one or two may have been mounted elsewhere.
@@ -54,6 +59,10 @@ std::string FoldedReason(const FarOff& far_off) {
   }
   return Cameras(far_off.opposite.size()) +
          " on the wrong side, far from where the calibration has them";
+}
+
+bool Contains(const std::vector<ImageId>& images, ImageId image) {
+  return std::find(images.begin(), images.end(), image) != images.end();
 }
 
 void MakeUnsure(const std::string& reason, PoseSummary& summary) {
@@ -186,6 +195,32 @@ void AddVerdict(const TcSfmResult& result, PoseSet& poses) {
   if (result.verdict != Verdict::kUnsure) {
     poses.summary.folded = result.verdict == Verdict::kFolded;
   }
+}
+
+void AddEvidence(const TcSfmResult& result, PoseSet& poses) {
+  for (size_t i = 0; i < poses.cameras.size(); ++i) {
+    if (!poses.cameras[i].registered) continue;
+    PoseEvidence& evidence = poses.cameras[i].evidence.emplace();
+    if (std::isfinite(result.certainty[i])) evidence.certainty = result.certainty[i];
+    evidence.doubtful = Contains(result.doubtful, ImageId(i));
+    evidence.late = Contains(result.late, ImageId(i));
+  }
+  for (const AlternativePose& other : result.alternatives) {
+    poses.cameras[other.image.index()].evidence->other_pose =
+        OtherPose{DegFromRad(other.rotation_rad), other.evidence_against, other.evidence_for};
+  }
+}
+
+bool AddSides(const Reconstruction& model, ImageId front, PoseSet& poses) {
+  const std::optional<CameraRing> ring = FindCameraRing(model);
+  if (!ring || !model.Registered(front)) return false;
+  const std::vector<std::optional<double>> azimuths_rad = AzimuthsAround(*ring, model);
+  for (size_t i = 0; i < poses.cameras.size(); ++i) {
+    if (!azimuths_rad[i]) continue;
+    const double from_front_rad = *azimuths_rad[i] - *azimuths_rad[front.index()];
+    poses.cameras[i].side = SideAt(DegFromRad(std::remainder(from_front_rad, 2 * kPi)));
+  }
+  return true;
 }
 
 void AddSegments(const Segments& segments, PoseSet& poses) {

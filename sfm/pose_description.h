@@ -33,6 +33,15 @@ void AddCalibrationFigures(const RigAlignment& alignment, const Calibration& cal
 /// Verdict, margin and folded check.
 void AddVerdict(const TcSfmResult& result, PoseSet& poses);
 
+/// What was found of every registered camera where parts of the subject look alike.
+void AddEvidence(const TcSfmResult& result, PoseSet& poses);
+
+/// Sides of the cameras of a model without a calibration: `front` is in the middle of the front,
+/// the others follow by their azimuth around the subject, counter-clockwise seen from above (from
+/// where the cameras' pictures have their upper edge). False, and no side: `front` is not
+/// registered, or the cameras do not stand around anything.
+bool AddSides(const Reconstruction& model, ImageId front, PoseSet& poses);
+
 /// Segments with the cameras that are related to them and their look-alikes; the side of a segment
 /// is that of most of its cameras. Segments that no camera is related to are left out.
 void AddSegments(const Segments& segments, PoseSet& poses);

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "sfm/agreeing_matches.h"
-#include "sfm/alternative_poses.h"
 #include "sfm/camera_ring.h"
 #include "sfm/tracks.h"
 #include "sfm/unfolding.h"
@@ -207,6 +206,14 @@ TwoViews MatchesToComplete(const State& state, const Draft& draft) {
                          {}, state.context);
 }
 
+std::vector<ImageId> NewlyRegistered(const Reconstruction& model, const Reconstruction& before) {
+  std::vector<ImageId> images;
+  for (size_t i = 0; i < model.cam_from_model.size(); ++i) {
+    if (model.Registered(ImageId(i)) && !before.Registered(ImageId(i))) images.emplace_back(i);
+  }
+  return images;
+}
+
 /// Brings back every match that agrees with the first model, places what is left over and adjusts
 /// everything; the result's matches are then those that agree with the finished poses.
 Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
@@ -220,6 +227,7 @@ Status Complete(State& state, Draft& draft, const IncrementalOptions& options) {
   const IncrementalInput input = {features, start.intrinsics, two_views, graph, tracks};
   ROTUNDA_ASSIGN_OR_RETURN(result.models,
                            ExtendReconstruction(input, start, options, state.context));
+  result.late = NewlyRegistered(result.models.models.front(), start);
   result.two_views = AgreeingMatches(result.models.models.front(), features, state.input.two_views,
                                      {}, state.context);
   result.view_graph = BuildViewGraph(features, result.two_views);
@@ -305,7 +313,7 @@ std::string ReasonFor(const TcSfmResult& result, double gain, ToldApart told_apa
 Status Judge(State& state, double gain) {
   TcSfmResult& result = state.result;
   const Reconstruction& model = result.models.models.front();
-  const Alternatives alternatives =
+  Alternatives alternatives =
       FindAlternatives(model, state.input.features, state.input.two_views, result.two_views,
                        state.options.covisibility, {}, state.context);
   if (state.context.Stopped()) return Error{ErrorCode::kCancelled, "cancelled", kStage};
@@ -316,6 +324,7 @@ Status Judge(State& state, double gain) {
   const ToldApart told_apart = WhatTellsApart(state, alternatives);
   const bool sure = told_apart != ToldApart::kNothing && !gap_deg && result.doubtful.empty() &&
                     result.models.models.size() == 1;
+  result.alternatives = std::move(alternatives.poses);
   result.reason = ReasonFor(result, gain, told_apart, gap_deg);
   result.verdict = gain > 0 ? Verdict::kFolded : sure ? Verdict::kSure : Verdict::kUnsure;
   return {};

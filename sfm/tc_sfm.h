@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm/alternative_poses.h"
 #include "sfm/calibration_prior.h"
 #include "sfm/consistent_view_graph.h"
 #include "sfm/core/result.h"
@@ -67,6 +68,8 @@ struct TcSfmResult {
   std::string reason;             // of the verdict
   double evidence = 0;            // Alternatives::evidence_against; infinite without alternatives
   std::vector<double> certainty;  // by ImageId: of its group; infinite where no draft was folded
+  std::vector<AlternativePose> alternatives;  // of the finished model, sorted by image
+  std::vector<ImageId> late;  // in no draft of the finished model: placed against its poses
   /// Images that may be on the wrong side: their heaviest edge of all contradicts their pose and
   /// what they fail to meet does not decide for it, or it decides for the alternative.
   std::vector<ImageId> doubtful;

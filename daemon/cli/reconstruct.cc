@@ -25,6 +25,7 @@ struct ReconstructArguments {
   std::vector<std::string> settings;
   sfm::PairSelection pairs = sfm::PairSelection::kExhaustive;
   bool calibration_prior = false;
+  std::string front_camera;
   bool fix_intrinsics = false;
   bool refine_intrinsics = false;
   std::optional<fs::path> database;
@@ -48,6 +49,7 @@ Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) 
   }
   options.pairs = arguments.pairs;
   options.calibration_prior = arguments.calibration_prior;
+  options.front_camera = arguments.front_camera;
   if (arguments.fix_intrinsics) options.refine_intrinsics = false;
   if (arguments.refine_intrinsics) options.refine_intrinsics = true;
   options.database = arguments.database;
@@ -239,6 +241,11 @@ void AddMethodOptions(CLI::App* command, ReconstructArguments& arguments) {
       "nothing that does; the poses then no longer show by themselves that the rig is as "
       "calibrated. Default: none, only lenses are taken from the calibration",
       {{"none", false}, {"calibration", true}});
+  command
+      ->add_option("--front", arguments.front_camera,
+                   "Without a calibration: the camera in the middle of the front; the others then "
+                   "have their sides (front, left, back, right) by it")
+      ->type_name("CAMERA");
   CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments.fix_intrinsics,
                                        "Keep intrinsics (default when they are calibrated)");
   command

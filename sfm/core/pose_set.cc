@@ -27,6 +27,19 @@ Json VsCalibrationJson(const VsCalibration& vs) {
   return object;
 }
 
+Json EvidenceJson(const PoseEvidence& evidence) {
+  Json object = Json::object();
+  if (evidence.certainty) object["certainty"] = *evidence.certainty;
+  if (evidence.other_pose) {
+    object["other_pose"] = {{"rotation_deg", evidence.other_pose->rotation_deg},
+                            {"against", evidence.other_pose->against},
+                            {"in_favour", evidence.other_pose->in_favour}};
+  }
+  object["doubtful"] = evidence.doubtful;
+  object["late"] = evidence.late;
+  return object;
+}
+
 /// An unregistered camera has no pose and nothing measured, only its lens if that is known.
 Json CameraJson(const CameraPose& camera) {
   Json object;
@@ -44,6 +57,7 @@ Json CameraJson(const CameraPose& camera) {
   object["observations"] = camera.observations;
   object["rms_px"] = camera.rms_px;
   if (camera.vs_calibration) object["vs_calibration"] = VsCalibrationJson(*camera.vs_calibration);
+  if (camera.evidence) object["evidence"] = EvidenceJson(*camera.evidence);
   return object;
 }
 
@@ -76,6 +90,18 @@ VsCalibration ReadVsCalibration(const JsonField& object) {
   return vs;
 }
 
+PoseEvidence ReadEvidence(const JsonField& object) {
+  PoseEvidence evidence;
+  if (object["certainty"].present()) evidence.certainty = object["certainty"].Number();
+  if (const JsonField other = object["other_pose"]; other.present()) {
+    evidence.other_pose = OtherPose{other["rotation_deg"].Number(), other["against"].Number(),
+                                    other["in_favour"].Number()};
+  }
+  evidence.doubtful = object["doubtful"].Bool();
+  evidence.late = object["late"].Bool();
+  return evidence;
+}
+
 /// position_mm of the text is not read: it follows from cam_from_rig.
 CameraPose ReadCamera(const JsonField& object) {
   CameraPose camera;
@@ -94,6 +120,7 @@ CameraPose ReadCamera(const JsonField& object) {
   if (object["vs_calibration"].present()) {
     camera.vs_calibration = ReadVsCalibration(object["vs_calibration"]);
   }
+  if (object["evidence"].present()) camera.evidence = ReadEvidence(object["evidence"]);
   return camera;
 }
 

@@ -31,6 +31,24 @@ struct VsCalibration {
   bool far_off = false;
 };
 
+/// Where matches that contradict a camera's pose would put it, and the log-likelihoods (natural) of
+/// what it misses there: by how much they speak for its own pose, and for that one.
+struct OtherPose {
+  double rotation_deg = 0;  // from the camera's own
+  double against = 0;
+  double in_favour = 0;
+};
+
+/// What was found of a camera where parts of the subject look alike (tc-sfm).
+struct PoseEvidence {
+  /// Log-likelihood (natural) by which what it sees puts it on its side and on no other; absent: no
+  /// draft of the reconstruction was folded.
+  std::optional<double> certainty;
+  std::optional<OtherPose> other_pose;  // absent: no match contradicts its pose
+  bool doubtful = false;                // it may belong there
+  bool late = false;                    // in no draft: placed against the poses of the others
+};
+
 /// One camera of a reconstruction.
 struct CameraPose {
   std::string camera;
@@ -44,6 +62,7 @@ struct CameraPose {
   size_t observations = 0;
   double rms_px = 0.0;
   std::optional<VsCalibration> vs_calibration;
+  std::optional<PoseEvidence> evidence;
 };
 
 /// A track community, as reported.

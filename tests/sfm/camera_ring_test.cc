@@ -38,9 +38,24 @@ TEST(FindCameraRing, AWholeRingHasTheGapBetweenItsColumns) {
     const auto ring = FindCameraRing(Ring(Steps(7, 24, 15), rows, 1.7));
     ASSERT_TRUE(ring);
     EXPECT_NEAR(DegFromRad(ring->widest_gap_rad), 24, 1e-6) << rows << " rows";
-    EXPECT_NEAR(std::abs(ring->axis.z()), 1, 1e-9);
+    EXPECT_NEAR(ring->axis.z(), 1, 1e-9) << "upwards";
     EXPECT_NEAR((ring->centre - Eigen::Vector3d(0, 0, 1)).norm(), 0, 1e-6);
   }
+}
+
+TEST(AzimuthsAround, GrowCounterClockwiseSeenFromAbove) {
+  Reconstruction model = Ring({10, 55, 130, 250}, 1, 0);
+  model.cam_from_model[2].reset();
+  const auto ring = FindCameraRing(model);
+  ASSERT_TRUE(ring);
+  const auto azimuths_rad = AzimuthsAround(*ring, model);
+  ASSERT_EQ(azimuths_rad.size(), 4u);
+  EXPECT_FALSE(azimuths_rad[2]);
+  const auto from_first_rad = [&](size_t i) {
+    return std::remainder(*azimuths_rad[i] - *azimuths_rad[0], 2 * kPi);
+  };
+  EXPECT_NEAR(from_first_rad(1), RadFromDeg(45), 1e-9);
+  EXPECT_NEAR(from_first_rad(3), RadFromDeg(-120), 1e-9);
 }
 
 TEST(FindCameraRing, HalfARingLeavesTheOtherHalf) {

@@ -84,6 +84,19 @@ TEST(RunPipeline, APriorNeedsACalibrationAndAMethodThatUsesIt) {
   }
 }
 
+TEST(RunPipeline, TheFrontIsACameraOfASetWithoutCalibration) {
+  PipelineOptions options;
+  options.front_camera = "nobody";
+  EXPECT_EQ(RefusalOf(WithoutPictures(), options), ErrorCode::kInvalidArgument);
+  options.front_camera = WithoutPictures().frames.back().camera;
+  EXPECT_NE(RefusalOf(WithoutPictures(), options), ErrorCode::kInvalidArgument);
+  ThreadPool threads(1);
+  RunContext context{threads};
+  const auto refused = RunPipeline(WithoutPictures(), Calibration{}, options, context);
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().context, "front");
+}
+
 TEST(RunPipeline, TracksToStartFromAreThePlainMethods) {
   PipelineOptions options;
   options.stages_folder = "/nonexistent";

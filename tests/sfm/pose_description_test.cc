@@ -285,6 +285,73 @@ TEST(AddVerdict, TheMarginIsTheEvidenceIfAnythingLooksAlike) {
   EXPECT_EQ(poses.summary.folded, true);
 }
 
+TEST(AddEvidence, OfEveryRegisteredCamera) {
+  PoseSet poses;
+  poses.cameras.resize(3);
+  poses.cameras[0].registered = poses.cameras[2].registered = true;
+  TcSfmResult result;
+  result.certainty = {std::numeric_limits<double>::infinity(), 5, 12.5};
+  result.alternatives = {{ImageId(2), {}, kPi, 7.5, -6.5}};
+  result.doubtful = {ImageId(2)};
+  result.late = {ImageId(0)};
+  AddEvidence(result, poses);
+  EXPECT_FALSE(poses.cameras[1].evidence);
+  ASSERT_TRUE(poses.cameras[0].evidence && poses.cameras[2].evidence);
+  const PoseEvidence &first = *poses.cameras[0].evidence, &last = *poses.cameras[2].evidence;
+  EXPECT_FALSE(first.certainty);
+  EXPECT_FALSE(first.other_pose);
+  EXPECT_FALSE(first.doubtful);
+  EXPECT_TRUE(first.late);
+  EXPECT_EQ(last.certainty, 12.5);
+  ASSERT_TRUE(last.other_pose);
+  EXPECT_DOUBLE_EQ(last.other_pose->rotation_deg, 180);
+  EXPECT_EQ(last.other_pose->against, 7.5);
+  EXPECT_EQ(last.other_pose->in_favour, -6.5);
+  EXPECT_TRUE(last.doubtful);
+  EXPECT_FALSE(last.late);
+}
+
+/// Cameras that look at an upright subject, in a frame of no meaning.
+Reconstruction Around(const std::vector<double>& azimuths_deg) {
+  const Rigid3 world_from_model{
+      Eigen::Quaterniond(Eigen::AngleAxisd(2.5, Eigen::Vector3d(1, -2, 0.5).normalized())),
+      Eigen::Vector3d(3, -4, 5)};
+  Reconstruction model;
+  for (const double azimuth_deg : azimuths_deg) {
+    const double azimuth = RadFromDeg(azimuth_deg);
+    const Eigen::Vector3d out(std::cos(azimuth), std::sin(azimuth), 0);
+    Eigen::Matrix3d cam_from_world;
+    cam_from_world << out.cross(Eigen::Vector3d::UnitZ()).transpose() * -1,
+        Eigen::RowVector3d(0, 0, -1), -out.transpose();
+    const Eigen::Quaterniond rotation(cam_from_world);
+    model.cam_from_model.push_back(Rigid3{rotation, -(rotation * (1.7 * out))} * world_from_model);
+  }
+  return model;
+}
+
+TEST(AddSides, AreQuartersFromTheCameraInTheMiddleOfTheFront) {
+  Reconstruction model = Around({50, 94, 6, 96, 140, 184, 186, 230, -86, -84, -40, 4, 0});
+  model.cam_from_model.back().reset();
+  PoseSet poses;
+  poses.cameras.resize(model.cam_from_model.size());
+  ASSERT_TRUE(AddSides(model, ImageId(0), poses));
+  std::vector<std::string> sides;
+  for (const CameraPose& camera : poses.cameras) sides.push_back(camera.side);
+  EXPECT_EQ(sides,
+            (std::vector<std::string>{"front", "front", "front", "left", "left", "left", "back",
+                                      "back", "back", "right", "right", "right", ""}));
+}
+
+TEST(AddSides, NeedsTheFrontAndCamerasAroundTheSubject) {
+  PoseSet poses;
+  poses.cameras.resize(3);
+  Reconstruction model = Around({0, 120, 240});
+  model.cam_from_model[1].reset();
+  EXPECT_FALSE(AddSides(model, ImageId(1), poses));
+  EXPECT_FALSE(AddSides(Around({10, 10, 10}), ImageId(0), poses));
+  for (const CameraPose& camera : poses.cameras) EXPECT_EQ(camera.side, "");
+}
+
 TEST(AddSegments, HaveTheSideOfMostOfTheirCameras) {
   PoseSet poses;
   for (const char* side : {"front", "front", "left", "back", ""}) {

@@ -189,6 +189,27 @@ TEST_F(SimulatedCapture, TellsSwappedCamerasFromMovedOnes) {
   EXPECT_EQ(summary["folded"], false);
 }
 
+TEST_F(SimulatedCapture, WithoutACalibrationTheFrontIsNamed) {
+  const fs::path set = *folder_ / "uncalibrated";
+  fs::copy(*folder_ / "set", set, fs::copy_options::recursive);
+  fs::remove(set / "calibration.json");
+  const ProcessOutcome outcome =
+      RunRotunda({"reconstruct", set, "--out", *folder_ / "sides", "--stages", *folder_ / "stages",
+                  "--start-from", "two-views", "--front", "c00r0"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.errors;
+  const auto sides_in = [](const fs::path& poses_file) {
+    std::map<std::string, std::string> sides;
+    const nlohmann::json poses = nlohmann::json::parse(Bytes(poses_file));
+    for (const nlohmann::json& camera : poses["cameras"]) {
+      sides[camera["camera"]] = camera.value("side", "");
+      EXPECT_EQ(camera["evidence"]["doubtful"], false);
+    }
+    return sides;
+  };
+  // Column 0 of the rig stands at azimuth 0, where its calibration has the front.
+  EXPECT_EQ(sides_in(*folder_ / "sides" / "poses.json"), sides_in(*folder_ / "out" / "poses.json"));
+}
+
 TEST_F(SimulatedCapture, NeighbourPairsGiveAllPosesToo) {
   Reconstruct("neighbours", {"--pairs", "neighbours"});
   const nlohmann::json errors =

@@ -102,6 +102,25 @@ TEST(PoseSet, KeepsThatACameraIsFarOff) {
   EXPECT_EQ(PoseSetToJson(*read), text);
 }
 
+TEST(PoseSet, KeepsWhatWasFoundOfACamera) {
+  PoseSet poses = MakePoses();
+  EXPECT_EQ(PoseSetToJson(poses).find("evidence"), std::string::npos);
+  poses.cameras[0].evidence = PoseEvidence{41.5, OtherPose{179.5, 230.25, -228.5}, true, true};
+  const std::string text = PoseSetToJson(poses);
+  const json evidence = json::parse(text)["cameras"][0]["evidence"];
+  EXPECT_EQ(evidence["certainty"], 41.5);
+  EXPECT_EQ(evidence["other_pose"],
+            (json{{"rotation_deg", 179.5}, {"against", 230.25}, {"in_favour", -228.5}}));
+  EXPECT_EQ(evidence["doubtful"], true);
+  EXPECT_EQ(evidence["late"], true);
+  const auto read = PoseSetFromJson(text, "text");
+  ASSERT_TRUE(read.ok()) << read.error().ToString();
+  EXPECT_EQ(PoseSetToJson(*read), text);
+  poses.cameras[0].evidence = PoseEvidence{};
+  const json nothing = json::parse(PoseSetToJson(poses))["cameras"][0]["evidence"];
+  EXPECT_EQ(nothing, (json{{"doubtful", false}, {"late", false}})) << "nothing to tell apart";
+}
+
 TEST(PoseSet, KeepsWhatThePicturesSaidBesideTheVerdict) {
   PoseSet poses = MakePoses();
   EXPECT_EQ(PoseSetToJson(poses).find("verdict_of_pictures"), std::string::npos);
