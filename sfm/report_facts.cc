@@ -178,26 +178,46 @@ std::string ReasonOf(const CameraPose& pose) {
   return pose.reason.empty() ? "no reason given" : pose.reason;
 }
 
+void JudgePlace(const CameraPose& pose, bool folded, CameraFacts& facts) {
+  if (!pose.registered) {
+    Raise(facts, Level::kBad, "not registered: " + ReasonOf(pose));
+  } else if (pose.vs_calibration && pose.vs_calibration->moved) {
+    facts.moved = true;
+    Raise(facts, Level::kBad, "moved by " + Displacement(*pose.vs_calibration));
+  } else if (pose.vs_calibration && pose.vs_calibration->wrong_side) {
+    facts.wrong_side = true;
+    Raise(facts, Level::kBad,
+          "on the wrong side: off the calibration by " + Displacement(*pose.vs_calibration));
+  } else if (pose.vs_calibration && pose.vs_calibration->swapped_with) {
+    facts.swapped = true;
+    Raise(facts, Level::kBad, "swapped: " + InPlaceOf(pose));
+  } else if (IsDoubtful(pose) && !folded) {
+    Raise(facts, Level::kLook, "off the calibration by " + Displacement(*pose.vs_calibration));
+  }
+}
+
+/// "; matches would turn it by 179°, log-likelihood -12 against that and 9.5 for it".
+std::string OtherPlace(const OtherPose& other) {
+  return "; matches would turn it by " + Significant(other.rotation_deg) + "°, log-likelihood " +
+         Significant(other.against) + " against that and " + Significant(other.in_favour) +
+         " for it";
+}
+
+void JudgeEvidence(const PoseEvidence& evidence, CameraFacts& facts) {
+  if (evidence.doubtful) {
+    Raise(facts, Level::kLook,
+          "may be on the look-alike side" +
+              (evidence.other_pose ? OtherPlace(*evidence.other_pose) : std::string()));
+  }
+  if (evidence.late) Raise(facts, Level::kLook, "weakly tied: placed after all others");
+}
+
 std::vector<CameraFacts> BuildCameraFacts(const ReportInput& input, const Facts& facts) {
   std::vector<CameraFacts> cameras(input.poses.cameras.size());
   for (size_t i = 0; i < cameras.size(); ++i) {
     const CameraPose& pose = input.poses.cameras[i];
-    if (!pose.registered) {
-      Raise(cameras[i], Level::kBad, "not registered: " + ReasonOf(pose));
-    } else if (pose.vs_calibration && pose.vs_calibration->moved) {
-      cameras[i].moved = true;
-      Raise(cameras[i], Level::kBad, "moved by " + Displacement(*pose.vs_calibration));
-    } else if (pose.vs_calibration && pose.vs_calibration->wrong_side) {
-      cameras[i].wrong_side = true;
-      Raise(cameras[i], Level::kBad,
-            "on the wrong side: off the calibration by " + Displacement(*pose.vs_calibration));
-    } else if (pose.vs_calibration && pose.vs_calibration->swapped_with) {
-      cameras[i].swapped = true;
-      Raise(cameras[i], Level::kBad, "swapped: " + InPlaceOf(pose));
-    } else if (IsDoubtful(pose) && !input.poses.summary.folded.value_or(false)) {
-      Raise(cameras[i], Level::kLook,
-            "off the calibration by " + Displacement(*pose.vs_calibration));
-    }
+    JudgePlace(pose, input.poses.summary.folded.value_or(false), cameras[i]);
+    if (pose.evidence) JudgeEvidence(*pose.evidence, cameras[i]);
     const std::string& status = input.set.frames[i].status;
     if (status != "ok") Raise(cameras[i], Level::kLook, "frame: " + status);
   }
@@ -230,21 +250,25 @@ std::string LookAlikesToldApart(const PoseSummary& summary) {
          Significant(*summary.margin) + ".";
 }
 
-Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& cameras) {
+void Say(Level level, const std::string& text, Verdict& verdict) {
+  verdict.level = std::max(verdict.level, level);
+  verdict.details.push_back(text);
+}
+
+/// What is known of look-alike sides.
+void SayOfSides(const PoseSet& poses, const std::vector<CameraFacts>& cameras, Verdict& verdict) {
   const PoseSummary& summary = poses.summary;
-  Verdict verdict{Level::kGood, "Shot good", ShotHeadline(poses), {}};
-  const auto say = [&](Level level, const std::string& text) {
-    verdict.level = std::max(verdict.level, level);
-    verdict.details.push_back(text);
-  };
   if (summary.folded.value_or(false)) {
-    say(Level::kBad,
+    Say(Level::kBad,
         "The model is folded: look-alike sides of the subject were laid on one another. Do not "
-        "use these poses.");
+        "use these poses.",
+        verdict);
     const auto wrong = NamesWhere(poses, [&](size_t i) { return cameras[i].wrong_side; });
     if (!wrong.empty()) verdict.details.push_back("On the wrong side: " + ListOfNames(wrong) + ".");
   }
-  if (summary.verdict == "unsure") say(Level::kBad, "Unsure: " + summary.verdict_reason + ".");
+  if (summary.verdict == "unsure") {
+    Say(Level::kBad, "Unsure: " + summary.verdict_reason + ".", verdict);
+  }
   const auto preset = poses.options.find("preset");
   if (summary.verdict == "sure" && preset != poses.options.end() && preset->second == "internet") {
     verdict.details.push_back(
@@ -253,38 +277,57 @@ Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& c
   if (summary.verdict == "sure" && summary.margin) {
     verdict.details.push_back(LookAlikesToldApart(summary));
   }
+  if (summary.verdict.empty() && !summary.folded) {
+    Say(Level::kLook,
+        "Not judged: this method does not look for look-alike sides, and there is no calibration "
+        "to tell.",
+        verdict);
+  }
+}
+
+/// Pieces, and cameras without a pose.
+void SayWhatIsMissing(const PoseSet& poses, Verdict& verdict) {
+  const PoseSummary& summary = poses.summary;
+  if (summary.models > 1) {
+    Say(Level::kLook,
+        "The reconstruction broke into " + std::to_string(summary.models) +
+            " pieces that could not be joined; the largest is given.",
+        verdict);
+  }
+  if (summary.registered == summary.of) return;
+  const bool usable =
+      static_cast<double>(summary.registered) >= kUsableShare * static_cast<double>(summary.of);
+  const auto missing = NamesWhere(poses, [&](size_t i) { return !poses.cameras[i].registered; });
+  std::string text = "Without a pose: " + ListOfNames(missing);
+  const auto first = std::find_if(poses.cameras.begin(), poses.cameras.end(),
+                                  [](const CameraPose& pose) { return !pose.registered; });
+  if (missing.size() == 1) text += " (" + ReasonOf(*first) + ")";
+  Say(usable ? Level::kLook : Level::kBad, text + ".", verdict);
+}
+
+void SayHowAccurate(const PoseSet& poses, Verdict& verdict) {
   const bool no_sigmas =
       std::none_of(poses.cameras.begin(), poses.cameras.end(),
                    [](const CameraPose& pose) { return pose.sigma.has_value(); });
   if (no_sigmas) {
-    say(Level::kLook, "Accuracy not known: without calibrated lenses there are no uncertainties.");
+    Say(Level::kLook, "Accuracy not known: without calibrated lenses there are no uncertainties.",
+        verdict);
   }
-  if (summary.verdict.empty() && !summary.folded) {
-    say(Level::kLook,
-        "Not judged: this method does not look for look-alike sides, and there is no calibration "
-        "to tell.");
+  if (poses.summary.registered > 0 && poses.summary.rms_px > kHighRms_px) {
+    Say(Level::kLook, "The residual of " + Significant(poses.summary.rms_px) + " px is high.",
+        verdict);
   }
-  if (summary.models > 1) {
-    say(Level::kLook, "The reconstruction broke into " + std::to_string(summary.models) +
-                          " pieces that could not be joined; the largest is given.");
-  }
-  if (summary.registered < summary.of) {
-    const bool usable =
-        static_cast<double>(summary.registered) >= kUsableShare * static_cast<double>(summary.of);
-    const auto missing = NamesWhere(poses, [&](size_t i) { return !poses.cameras[i].registered; });
-    std::string text = "Without a pose: " + ListOfNames(missing);
-    const auto first = std::find_if(poses.cameras.begin(), poses.cameras.end(),
-                                    [](const CameraPose& pose) { return !pose.registered; });
-    if (missing.size() == 1) text += " (" + ReasonOf(*first) + ")";
-    say(usable ? Level::kLook : Level::kBad, text + ".");
-  }
-  if (summary.registered > 0 && summary.rms_px > kHighRms_px) {
-    say(Level::kLook, "The residual of " + Significant(summary.rms_px) + " px is high.");
-  }
+}
+
+Verdict BuildShotVerdict(const PoseSet& poses, const std::vector<CameraFacts>& cameras) {
+  Verdict verdict{Level::kGood, "Shot good", ShotHeadline(poses), {}};
+  SayOfSides(poses, cameras, verdict);
+  SayHowAccurate(poses, verdict);
+  SayWhatIsMissing(poses, verdict);
   const auto weak = NamesWhere(poses, [&](size_t i) { return cameras[i].level == Level::kLook; });
   if (!weak.empty()) verdict.details.push_back("Worth a look: " + ListOfNames(weak) + ".");
   if (verdict.level == Level::kLook) verdict.mark = "Shot usable, look";
-  if (summary.verdict.empty() && !summary.folded) verdict.mark = "Shot not judged";
+  if (poses.summary.verdict.empty() && !poses.summary.folded) verdict.mark = "Shot not judged";
   if (verdict.level == Level::kBad) verdict.mark = "Shot bad";
   if (verdict.details.empty()) {
     verdict.details.push_back("Nothing stands out in residuals, uncertainties or observations.");

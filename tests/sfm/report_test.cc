@@ -400,6 +400,23 @@ TEST_F(ReportTest, NamesACameraThatIsFartherOffThanErrorsAre) {
   EXPECT_EQ(doubtful.cameras[2].level, report::Level::kLook);
 }
 
+TEST_F(ReportTest, SaysWhatACamerasPlaceRestsOnWhereItIsNotSure) {
+  poses_.cameras[1].evidence = PoseEvidence{40.0, OtherPose{179.5, 300, -290}, false, false};
+  poses_.cameras[2].evidence = PoseEvidence{1.5, OtherPose{179.5, -4.5, 3.25}, true, false};
+  poses_.cameras[3].evidence = PoseEvidence{std::nullopt, std::nullopt, true, true};
+  const report::Facts facts = report::BuildFacts(Input());
+  EXPECT_EQ(facts.cameras[1].level, report::Level::kGood) << "it was told apart";
+  ASSERT_EQ(facts.cameras[2].notes.size(), 1u);
+  EXPECT_EQ(facts.cameras[2].level, report::Level::kLook);
+  EXPECT_EQ(facts.cameras[2].notes[0],
+            "may be on the look-alike side; matches would turn it by 180°, log-likelihood -4.50 "
+            "against that and 3.25 for it");
+  EXPECT_EQ(facts.cameras[3].notes,
+            (std::vector<std::string>{"may be on the look-alike side",
+                                      "weakly tied: placed after all others"}));
+  EXPECT_NE(facts.shot.details.back().find("c02, c03"), std::string::npos);
+}
+
 TEST_F(ReportTest, SaysThatTheCalibrationIsNotTheRigs) {
   for (const size_t i : {1, 3, 5}) poses_.cameras[i].vs_calibration->sigmas = 30;
   const report::Facts facts = report::BuildFacts(Input());
