@@ -12,7 +12,10 @@
 
 namespace rotunda::sfm {
 
-/// TC-SfM as it was published, stage by stage; what is set here is the paper's reading.
+/// TC-SfM as it was published, stage by stage; what is set here is the paper's reading. Where the
+/// paper names no more than a known method, ours stands also here: communities have the refinement
+/// of Leiden and are the best of several orders of the nodes, and models whose cameras contradict
+/// each other are not merged.
 struct LiteralOptions {
   bool consistent_view_graph = false;  // only its edges are used
   double min_edge_weight = 0.15;       // tau_w; 0.05 for photographs from the Internet
