@@ -399,12 +399,12 @@ void AddShotOptions(CLI::App* command, CLI::Option* rig, DaemonShot& shot) {
           ->add_flag("--follow", shot.follow,
                      "Wait for its reconstruction, too: tell the verdict, and cameras that moved")
           ->excludes(rig);
-  command
-      ->add_flag_callback(
-          "--no-reconstruct", [&shot] { shot.reconstruct = false; },
-          "Do not reconstruct it afterwards (the calibration target)")
-      ->excludes(rig)
-      ->excludes(follow);
+  CLI::Option* none = command->add_flag_callback(
+      "--no-reconstruct", [&shot] { shot.reconstruct = false; },
+      "Do not reconstruct it afterwards (the calibration target)");
+  none->excludes(rig)->excludes(follow);
+  AddPresetOption(command, shot.preset)->excludes(rig)->excludes(none);
+  AddPriorOption(command, shot.prior)->excludes(rig)->excludes(none);
 }
 
 }  // namespace

@@ -189,6 +189,8 @@ void PrintCapture(const Json& capture) {
                                {"registered", "registered"},
                                {"of", "of"},
                                {"rms px", "rms_px"},
+                               {"preset", "preset"},
+                               {"prior", "prior"},
                                {"verdict", "verdict"},
                                {"mean mm", "mean_position_mm"},
                                {"mean deg", "mean_rotation_deg"}});

@@ -31,6 +31,16 @@ void AddSeed(CLI::App* command, uint64_t& seed, const std::string& help) {
   command->add_option("--seed", seed, help)->check(whole)->capture_default_str();
 }
 
+std::vector<CLI::Option*> AddLensFlags(CLI::App* command, std::optional<bool>& refine) {
+  CLI::Option* fix = command->add_flag_callback(
+      "--fix-intrinsics", [&refine] { refine = false; },
+      "Keep intrinsics (default when they are calibrated)");
+  CLI::Option* anew = command->add_flag_callback(
+      "--refine-intrinsics", [&refine] { refine = true; },
+      "Refine focal length and distortion (default without a calibration)");
+  return {fix, anew->excludes(fix)};
+}
+
 namespace {
 
 /// What is said to be lacking may be there, misspelt: then that is what to name.

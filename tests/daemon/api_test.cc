@@ -18,6 +18,7 @@
 #include "config/daemon_config.h"
 #include "daemon/model_export.h"
 #include "daemon/openapi.h"
+#include "daemon/reconstruction_request.h"
 #include "daemon/retention.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
@@ -26,7 +27,9 @@
 #include "rig/lens_models.h"
 #include "sfm/colmap_io.h"
 #include "sfm/core/frame_set.h"
+#include "sfm/core/name_list.h"
 #include "sfm/core/pose_set.h"
+#include "sfm/run_choices.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/process.h"
@@ -299,6 +302,24 @@ TEST_F(Api, TheDocumentNamesEveryLensModel) {
   EXPECT_EQ(request["properties"]["model"]["enum"].get<std::set<std::string>>(), known);
 }
 
+TEST_F(Api, TheDocumentNamesWhatMayBeChosenOfAReconstruction) {
+  const Json schemas = Document()["components"]["schemas"];
+  const Json& fields = schemas["ReconstructionRequest"]["properties"];
+  const auto check = [&](const Json& choice, const auto& by_name) {
+    EXPECT_EQ(choice["enum"].get<std::vector<std::string>>(), NamesIn(by_name)) << choice;
+  };
+  check(fields["method"], sfm::MethodsByName());
+  check(fields["pairs"], sfm::PairSelectionsByName());
+  check(schemas["Preset"], RequestPresets());
+  check(schemas["Prior"], sfm::PriorsByName());
+  check(schemas["Reconstruction"]["properties"]["prior"], sfm::PriorsByName());
+  for (const char* request : {"ReconstructionRequest", "CaptureRequest"}) {
+    const Json& of_request = schemas[request]["properties"];
+    EXPECT_EQ(of_request["preset"]["$ref"], "#/components/schemas/Preset") << request;
+    EXPECT_EQ(of_request["prior"]["$ref"], "#/components/schemas/Prior") << request;
+  }
+}
+
 /// A simulated camera that Fill() knows.
 test::SimulatedRig::Options OneCamera() {
   test::SimulatedRig::Options options;
@@ -376,6 +397,29 @@ TEST_F(Api, StatusTellsOfCapturesThatAreNotSureAndOfCamerasWithoutAPose) {
   AddCapture("2026-01-01T12:00:00Z", MovedPoses("sure-again"));
   EXPECT_EQ(Problems().find("not sure"), std::string::npos) << Problems();
   EXPECT_EQ(Problems().find("has no pose"), std::string::npos) << Problems();
+}
+
+TEST_F(Api, AResultWithAPriorSaysSoAndNothingOfWhetherPicturesAreSure) {
+  Fill();
+  const auto add = [&](const std::string& id, const char* verdict, const char* prior) {
+    PoseSet poses = MovedPoses(id);
+    poses.options = {{"preset", "internet"}, {"prior", prior}};
+    poses.summary.verdict = verdict;
+    poses.summary.verdict_reason = "a reason";
+    AddCapture("2026-01-01T11:0" + id.substr(1) + ":00Z", poses);
+  };
+  add("p1", "unsure", "none");
+  add("p2", "unsure", "calibration");
+  EXPECT_EQ(Problems().find("not sure"), std::string::npos) << Problems();
+  add("p3", "sure", "calibration");
+  add("p4", "unsure", "none");
+  EXPECT_NE(Problems().find("the newest 2 are not sure; p4 is unsure"), std::string::npos)
+      << Problems();
+  const Json made = Checked(Get("/v1/reconstructions/p3-r1"), "Reconstruction");
+  EXPECT_EQ(made["preset"], "internet");
+  EXPECT_EQ(made["prior"], "calibration");
+  EXPECT_EQ(made["used_for_drift"], false);
+  EXPECT_EQ(Checked(Get("/v1/captures/p3"), "CaptureDetail")["reconstruction"], "p3-r1");
 }
 
 TEST_F(Api, StatusTellsOfJobsThatCannotBeBegun) {

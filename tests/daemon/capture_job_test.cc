@@ -267,6 +267,27 @@ TEST_F(CaptureJobTest, RefusesRequestsThatItDoesNotUnderstand) {
   EXPECT_FALSE(queue_->Submit(JobKind::kCapture, "{\"subject\":\"" + long_name + "\"}", "").ok());
 }
 
+TEST_F(CaptureJobTest, PresetAndPriorAreThoseOfItsReconstruction) {
+  const std::string both = R"({"preset":"internet","prior":"calibration"})";
+  const auto refused = queue_->Submit(JobKind::kCapture, both, "");
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().ToString(), "prior: needs a calibration, and none is in force");
+  for (const char* key : {"preset\":\"internet", "prior\":\"none"}) {
+    const std::string body = std::string(R"({"reconstruct":false,")") + key + "\"}";
+    const auto useless = queue_->Submit(JobKind::kCapture, body, "");
+    ASSERT_FALSE(useless.ok()) << body;
+    EXPECT_EQ(useless.error().message, "has no effect on a capture that is not reconstructed");
+  }
+  EXPECT_FALSE(queue_->Submit(JobKind::kCapture, R"({"preset":"literal"})", "").ok());
+  PutCalibrationInForce();
+  const JobRecord job = Capture(both);
+  ASSERT_EQ(job.state, JobState::kDone) << job.error;
+  sfm::RunChoices choices;
+  choices.preset = sfm::Preset::kInternet;
+  choices.calibration_prior = true;
+  EXPECT_EQ(ListJobs(store(), {})->items[0].body, ReconstructionBody(job.product, choices));
+}
+
 TEST_F(CaptureJobTest, ThatHadItsShotBeforeTheDaemonDiedDoesNotTakeAnother) {
   queue_.reset();
   const auto job = AddJob(store(), {JobKind::kCapture, "{\"reconstruct\":true}", ""});

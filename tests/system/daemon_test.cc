@@ -754,10 +754,12 @@ TEST(ClientCommands, AskForWhatTheirOptionsSay) {
   };
   EXPECT_EQ(request_of({"captures", "x", "--reconstruct", "--calibration", "k", "--method", "plain",
                         "--pairs", "neighbours", "--refine-intrinsics"}),
-            Json::parse(R"({"capture":"x","calibration":"k","method":"plain","pairs":"neighbours",
-                            "refine_intrinsics":true})"));
-  EXPECT_EQ(request_of({"captures", "x", "--reconstruct", "--fix-intrinsics"}),
-            Json::parse(R"({"capture":"x","method":"tc-sfm","pairs":"exhaustive",
+            Json::parse(R"({"capture":"x","calibration":"k","method":"plain","preset":"rig",
+                            "pairs":"neighbours","prior":"none","refine_intrinsics":true})"));
+  EXPECT_EQ(request_of({"captures", "x", "--reconstruct", "--fix-intrinsics", "--preset",
+                        "internet", "--prior", "calibration", "--calibration", "k"}),
+            Json::parse(R"({"capture":"x","calibration":"k","method":"tc-sfm","preset":"internet",
+                            "pairs":"exhaustive","prior":"calibration",
                             "refine_intrinsics":false})"));
   EXPECT_EQ(request_of({"calibrations", "--from", "x", "--model", "opencv5", "--frame-from", "k"}),
             Json::parse(R"({"captures":["x"],"model":"opencv5","frame_from":"k"})"));
