@@ -22,6 +22,7 @@
 #include "rig/aravis_camera.h"
 #include "rig/gpiod_trigger_line.h"
 #include "rig/sim/socket_trigger.h"
+#include "sfm/core/plain_text.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -77,8 +78,8 @@ Result<CaptureRequest> ParseCaptureRequest(const std::string& body) {
     ReadChoices(root, request);
     if (!root["subject"].present()) return;
     request.subject = root["subject"].String();
-    if (request.subject->size() > kMaxSubjectLength) {
-      root["subject"].Refuse("at most " + std::to_string(kMaxSubjectLength) + " bytes");
+    if (const Status fine = CheckSubject(*request.subject); !fine.ok()) {
+      root["subject"].Fail(fine.error().message);
     }
   }));
   return request;
@@ -378,6 +379,18 @@ Result<rig::CaptureSession::Devices> OpenDevices(
     ROTUNDA_ASSIGN_OR_RETURN(devices.trigger, rig::OpenGpiodTriggerLine(options.trigger.gpio));
   }
   return devices;
+}
+
+Status CheckSubject(const std::string& subject) {
+  std::string found = NotPlain(subject);
+  if (found.empty() && subject.size() > kMaxSubjectLength) {
+    found = std::to_string(subject.size()) + " bytes";
+  }
+  if (found.empty()) return {};
+  return Error{ErrorCode::kInvalidArgument,
+               "expected at most " + std::to_string(kMaxSubjectLength) +
+                   " bytes of UTF-8 without control characters, found " + found,
+               "subject"};
 }
 
 rig::Shot FactsOf(const rig::Shot& shot) {

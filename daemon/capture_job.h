@@ -21,6 +21,9 @@ namespace rotunda::daemon {
 Result<rig::CaptureSession::Devices> OpenDevices(
     const rig::CaptureOptions& options, const std::optional<std::filesystem::path>& simulated);
 
+/// kInvalidArgument, "subject" as context, says what was found and what may stand there.
+Status CheckSubject(const std::string& subject);
+
 /// The stage of a capture job whose shot is taken and that the disk refuses.
 inline constexpr char kWaitingForDisk[] = "waiting for the disk";
 

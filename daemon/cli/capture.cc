@@ -423,7 +423,14 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       "rotunda capture --subject \"person 1\" --follow\n"
       "  rotunda capture --rig config/capture.toml --out person1\n"
       "  rotunda capture --rig config/capture.toml --out person1 --simulated");
-  command->add_option("--subject", arguments->subject, "Whom or what the pictures show");
+  const CLI::Validator subject(
+      [](const std::string& text) {
+        const Status fine = daemon::CheckSubject(text);
+        return fine.ok() ? std::string() : fine.error().message;
+      },
+      "");
+  command->add_option("--subject", arguments->subject, "Whom or what the pictures show")
+      ->check(subject);
   CLI::Option* rig = AddRigOption(command, *arguments);
   CLI::Option* out =
       command

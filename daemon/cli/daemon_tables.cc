@@ -3,22 +3,12 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "sfm/core/plain_text.h"
+
 namespace rotunda::cli {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-/// `text` (UTF-8) with '?' for each byte of a control character.
-std::string Printable(std::string text) {
-  unsigned char before = 0;
-  for (char& letter : text) {
-    const auto byte = static_cast<unsigned char>(letter);
-    const bool is_c1 = before == 0xC2 && byte >= 0x80 && byte < 0xA0;
-    if (byte < 0x20 || byte == 0x7F || is_c1) letter = '?';
-    before = byte;
-  }
-  return text;
-}
 
 /// In characters: bytes that begin one.
 size_t Width(const std::string& text) {

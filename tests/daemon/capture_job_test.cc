@@ -263,8 +263,24 @@ TEST_F(CaptureJobTest, RefusesRequestsThatItDoesNotUnderstand) {
     ASSERT_FALSE(job.ok()) << body;
     EXPECT_EQ(job.error().code, ErrorCode::kInvalidArgument) << body;
   }
-  const std::string long_name(201, 'a');
-  EXPECT_FALSE(queue_->Submit(JobKind::kCapture, "{\"subject\":\"" + long_name + "\"}", "").ok());
+}
+
+TEST_F(CaptureJobTest, ASubjectIsPlainText) {
+  const std::string expected =
+      "request: subject: expected at most 200 bytes of UTF-8 without control characters, found ";
+  const std::map<std::string, std::string> refused = {
+      {std::string(201, 'a'), "201 bytes"},
+      {"Anna\\nBerta", "the control character U+000A at byte 4"},
+      {"\\u0000", "the control character U+0000 at byte 0"},
+      {"\x7F", "the control character U+007F at byte 0"},
+      {"\\u001b[31m", "the control character U+001B at byte 0"},
+      {"\u009B31m", "the control character U+009B at byte 0"}};
+  for (const auto& [subject, found] : refused) {
+    const auto job = queue_->Submit(JobKind::kCapture, "{\"subject\":\"" + subject + "\"}", "");
+    ASSERT_FALSE(job.ok()) << subject;
+    EXPECT_EQ(job.error().code, ErrorCode::kInvalidArgument);
+    EXPECT_EQ(job.error().ToString(), expected + found);
+  }
 }
 
 TEST_F(CaptureJobTest, PresetAndPriorAreThoseOfItsReconstruction) {
