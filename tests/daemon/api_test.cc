@@ -628,8 +628,14 @@ TEST_F(Api, JobsAreQueuedOnceForAKey) {
   EXPECT_EQ(Json::parse(post("{\"subject\":\"x\"}", "k1").body)["id"], job["id"]);
   EXPECT_EQ(post("{\"subject\":\"y\"}", "k1").status, 409);
   EXPECT_NE(Json::parse(post("{\"subject\":\"x\"}", "k2").body)["id"], job["id"]);
-  EXPECT_EQ(post("{}", std::string(201, 'k')).status, 400);
-  EXPECT_EQ(post("{}", "a b").status, 400);
+  EXPECT_EQ(post("{}", std::string(200, 'k')).status, 202);
+  for (const std::string& wrong : {std::string(201, 'k'), std::string("a b"), std::string()}) {
+    const HttpResponse refused = post("{}", wrong);
+    EXPECT_EQ(refused.status, 400) << wrong;
+    EXPECT_NE(refused.body.find("Idempotency-Key: is '" + wrong + "', expected 1 to 200 "),
+              std::string::npos)
+        << refused.body;
+  }
 }
 
 TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
