@@ -18,13 +18,15 @@ bool IsOneOf(const std::string& name, const std::vector<std::string>& names) {
 }  // namespace
 
 Status ReadRequest(const std::string& body, const std::vector<std::string>& keys,
-                   const std::function<void(const JsonField& root)>& read) {
+                   const std::function<void(const JsonField& root)>& read,
+                   const std::string& added) {
   const Result<nlohmann::json> json = ParseJson(body, kSource);
   if (!json) return Refusal(json.error());
   JsonReader reader(kSource, *json);
   const JsonField root = reader.root();
   for (const auto& [key, field] : root.Members()) {
-    if (!IsOneOf(key, keys)) field.Fail("is not known, expected only: " + Joined(keys));
+    if (key != added && !IsOneOf(key, keys))
+      field.Fail("is not known, expected only: " + Joined(keys));
   }
   if (reader.status()) read(root);
   return reader.status() ? Status() : Status(Refusal(reader.status().error()));

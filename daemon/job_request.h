@@ -14,9 +14,11 @@
 namespace rotunda::daemon {
 
 /// Reads a request's body, a JSON object, by `read`. kInvalidArgument names the field: bad JSON, a
-/// key that is not in `keys`, what `read` has refused.
+/// key that is neither in `keys` nor `added`, what `read` has refused. `added` is the key that the
+/// path of the request gives, and not its sender, who is not told of it.
 Status ReadRequest(const std::string& body, const std::vector<std::string>& keys,
-                   const std::function<void(const JsonField& root)>& read);
+                   const std::function<void(const JsonField& root)>& read,
+                   const std::string& added = "");
 
 /// The field's text, which must be one of `names`; `usual` when the field is not there.
 std::string ReadName(const JsonField& field, const std::vector<std::string>& names,

@@ -66,8 +66,8 @@ const std::map<std::string, sfm::Preset>& RequestPresets() {
 Result<ReconstructionRequest> ParseReconstructionRequest(const std::string& body) {
   ReconstructionRequest request;
   ROTUNDA_RETURN_IF_ERROR(ReadRequest(
-      body, {"capture", "calibration", "method", "preset", "pairs", "prior", "refine_intrinsics"},
-      [&](const JsonField& root) { ReadRequestFields(root, request); }));
+      body, {"calibration", "method", "preset", "pairs", "prior", "refine_intrinsics"},
+      [&](const JsonField& root) { ReadRequestFields(root, request); }, "capture"));
   return request;
 }
 

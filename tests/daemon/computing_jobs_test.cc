@@ -48,9 +48,11 @@ TEST(ReconstructionJob, TheBodyIsFilledInAndChecked) {
         "{\"capture\": \"x\", \"pairs\": \"\"}", "{\"capture\": \"x\", \"threads\": 5}"}) {
     EXPECT_EQ(handler.check(body).error().code, ErrorCode::kInvalidArgument) << body;
   }
-  EXPECT_EQ(handler.check("{\"capture\": \"x\", \"threads\": 5}").error().ToString(),
-            "request: threads: is not known, expected only: capture, calibration, method, preset, "
-            "pairs, prior, refine_intrinsics");
+  EXPECT_EQ(
+      handler.check("{\"capture\": \"x\", \"threads\": 5}").error().ToString(),
+      "request: threads: is not known, expected only: calibration, method, preset, pairs, prior, "
+      "refine_intrinsics")
+      << "the capture is in the path";
   EXPECT_NE(handler.check("{\"capture\": \"x\", \"method\": \"magic\"}")
                 .error()
                 .ToString()
