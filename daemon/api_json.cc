@@ -108,7 +108,7 @@ Json ToJson(const JobRecord& job) {
                  {"state", JobStateName(job.state)},
                  {"request", Stored(job.body)},
                  {"created_at", job.created_at}};
-  if (!job.stage.empty()) {
+  if (job.state == JobState::kRunning && !job.stage.empty()) {
     object["progress"] = {{"stage", job.stage}, {"done", job.done}, {"total", job.total}};
   }
   AddIfAny(object, "product", job.product);

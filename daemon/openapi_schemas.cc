@@ -8,7 +8,7 @@ const char kOpenApiSchemas[] = R"json({
   "detail"], "properties": {"type": {"type": "string"}, "title": {"type": "string"},
   "status": {"type": "integer", "minimum": 0}, "detail": {"type": "string"}},
   "additionalProperties": false},
- "Progress": {"type": "object", "required": ["stage", "done", "total"],
+ "Progress": {"type": "object", "description": "Of a job that runs", "required": ["stage", "done", "total"],
   "properties": {"stage": {"type": "string"}, "done": {"type": "integer", "minimum": 0},
   "total": {"type": "integer", "minimum": 0}}, "additionalProperties": false},
  "Job": {"type": "object", "required": ["id", "kind", "state", "request", "created_at"],

@@ -42,7 +42,7 @@ void PrintPart(const std::string& name, const Json& part) {
 
 /// The job with "at": how far it is, if it runs.
 Json WithPlace(Json job) {
-  if (!job.contains("progress") || job["state"] != "running") return job;
+  if (!job.contains("progress")) return job;
   const Json& progress = job["progress"];
   job["at"] =
       FieldText(progress, "stage") + " " + progress["done"].dump() + "/" + progress["total"].dump();

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "config/daemon_config.h"
+#include "daemon/api_json.h"
 #include "daemon/model_export.h"
 #include "daemon/openapi.h"
 #include "daemon/reconstruction_request.h"
@@ -916,6 +917,22 @@ TEST_F(Api, EventStreamsBeginWhereTheClientSays) {
   for (const char* wrong : {"-1", "x", "1e3", "99999999999999999999"}) {
     EXPECT_EQ(Get(std::string("/v1/events?after=") + wrong).status, 400) << wrong;
   }
+}
+
+TEST_F(Api, OnlyAJobThatRunsHasProgress) {
+  JobRecord job;
+  job.body = "{}";
+  job.stage = "matches";
+  job.done = 3;
+  job.total = 10;
+  for (const JobState state : {JobState::kQueued, JobState::kRunning, JobState::kDone,
+                               JobState::kFailed, JobState::kCancelled, JobState::kInterrupted}) {
+    job.state = state;
+    EXPECT_EQ(ToJson(job).contains("progress"), state == JobState::kRunning) << JobStateName(state);
+  }
+  const std::string said =
+      Document()["components"]["schemas"]["Progress"]["description"].get<std::string>();
+  EXPECT_EQ(said, "Of a job that runs");
 }
 
 TEST_F(Api, JobsThatHaveEndedCannotBeCancelled) {
