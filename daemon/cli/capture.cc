@@ -458,6 +458,7 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->type_name("FILE")
       ->check(CLI::ExistingFile)
       ->needs(rig);
+  AddThreads(command, common)->needs(rig);
   AddShotOptions(command, rig, *shot);
   command->callback([arguments, shot, &common, &chosen] {
     chosen = [arguments, shot, &common] {

@@ -38,9 +38,12 @@ void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddDrift(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddEvents(CLI::App& app, CommonOptions& common, Action& chosen);
 
-/// A sub-command with --json, --threads and an example under its help.
+/// A sub-command with --json and an example under its help.
 CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& name,
                      const std::string& description, const std::string& example);
+
+/// --threads, of a command that computes.
+CLI::Option* AddThreads(CLI::App* command, CommonOptions& common);
 
 /// An option whose values have names.
 template <typename T>

@@ -263,6 +263,7 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
   AddMethodOptions(command, *arguments);
   AddStageOptions(command, *arguments);
   AddSeed(command, arguments->seed, "Seed of all random sampling");
+  AddThreads(command, common);
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
       const Status status = Reconstruct(*arguments, common);

@@ -406,6 +406,21 @@ TEST(WrongUsage, NamesTheWordThatIsNotKnown) {
   }
 }
 
+TEST(WrongUsage, ThreadsAreOfCommandsThatCompute) {
+  for (const char* command : {"evaluate", "compare", "export", "cameras", "status", "jobs",
+                              "captures", "calibrations", "drift", "events"}) {
+    SCOPED_TRACE(command);
+    ExpectOneError(RunProcess({ROTUNDA_COMMAND, command, "--threads", "2"}), 2,
+                   {"'--threads' is not known"});
+  }
+  ExpectOneError(RunProcess({ROTUNDA_COMMAND, "capture", "--threads", "2"}), 2, {"--rig"});
+  for (const char* command : {"simulate", "calibrate", "reconstruct", "capture"}) {
+    EXPECT_NE(RunProcess({ROTUNDA_COMMAND, command, "--help"}).output.find("--threads"),
+              std::string::npos)
+        << command;
+  }
+}
+
 TEST(WrongUsage, ASubjectIsPlainText) {
   const std::string expected =
       "--subject: expected at most 200 bytes of UTF-8 without control "
