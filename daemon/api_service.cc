@@ -118,10 +118,7 @@ void LookAtCameras(const CaptureStation& station, Overview& overview) {
 
 void LookAtDevices(const ApiParts& parts, Overview& overview) {
   LookAtCameras(parts.station, overview);
-  if (const auto trouble = parts.station.DiskTrouble()) {
-    overview.problems.push_back("a shot cannot be written and waits in memory: " +
-                                trouble->error.ToString());
-  }
+  for (const std::string& waits : parts.jobs.CancelRefusals()) overview.problems.push_back(waits);
   LookAtDisks(parts, overview);
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
   if (const auto trouble = parts.jobs.Trouble()) overview.problems.push_back(*trouble);

@@ -466,10 +466,6 @@ Result<std::string> CaptureStation::PreviewJpeg(const std::string& camera) {
   return ToJpeg(frame);
 }
 
-std::optional<rig::FrameSetWriter::Trouble> CaptureStation::DiskTrouble() const {
-  return writer_.trouble();
-}
-
 const char* CaptureStation::TriggerSource() const {
   return options_.simulated ? "simulated" : "gpio";
 }

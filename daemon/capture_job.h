@@ -51,8 +51,6 @@ class CaptureStation {
   std::optional<Error> OpenTrouble() const;
   /// One camera's picture now, demosaiced, as JPEG. kNotFound: no such camera.
   Result<std::string> PreviewJpeg(const std::string& camera);
-  /// Why the oldest shot cannot be written; unset while all is well.
-  std::optional<rig::FrameSetWriter::Trouble> DiskTrouble() const;
 
   const char* TriggerSource() const;  // "gpio" or "simulated", for the frame set
 

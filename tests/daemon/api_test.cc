@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -432,6 +433,31 @@ TEST_F(Api, StatusTellsOfJobsThatCannotBeBegun) {
   ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
   while (!jobs_->Trouble()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
   EXPECT_NE(Problems().find("jobs are not begun (capture): "), std::string::npos) << Problems();
+}
+
+TEST_F(Api, StatusTellsWhatARunningJobIsNotCancelledFor) {
+  std::atomic<bool> over = false;
+  JobHandler waits = HandlerThatTakesAll();
+  waits.run = [&over](const JobRecord&, JobContext& context) -> Result<std::string> {
+    context.refuse_cancel("shot x: is taken and waits for the disk (no room): make room there");
+    while (!over) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    return std::string("{}");
+  };
+  jobs_ = std::make_unique<JobQueue>(
+      state_.store(), JobHandlers{waits, HandlerThatTakesAll(), HandlerThatTakesAll()},
+      JobQueue::Options());
+  ServeCamerasOf(station_);
+  const char* said = "shot x: is taken and waits for the disk (no room)";
+  EXPECT_EQ(Problems().find(said), std::string::npos) << Problems();
+  const Json job = Json::parse(Call("POST", "/v1/captures").body);
+  while (jobs_->CancelRefusals().empty()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_NE(Problems().find(said), std::string::npos) << Problems();
+  over = true;
+  while (Json::parse(Get("/v1/jobs/" + job["id"].dump()).body)["state"] != "done") {
+  }
+  while (!jobs_->CancelRefusals().empty())
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_EQ(Problems().find(said), std::string::npos) << Problems();
 }
 
 TEST_F(Api, StatusNamesACalibrationInForceThatCannotBeRead) {

@@ -386,6 +386,24 @@ TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsNotCancelled) {
   EXPECT_EQ(CountEvents("capture_waits"), 1u) << "not for each attempt";
 }
 
+TEST_F(CaptureJobTest, AShotThatOnlyTheDatabaseRefusesIsToldOfTillItIsTaken) {
+  const auto write = [&](const char* sql) {
+    const Status done =
+        store().Write([&](Database& database, auto&) { return database.Execute(sql); });
+    ASSERT_TRUE(done.ok()) << done.error().ToString();
+  };
+  write("CREATE TRIGGER full BEFORE INSERT ON captures BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  const int64_t job = RefusedShot();
+  const auto refusals = queue_->CancelRefusals();
+  ASSERT_EQ(refusals.size(), 1u);
+  const std::string shot = FindJob(store(), job)->product;
+  EXPECT_EQ(refusals[0].find("shot " + shot + ": is taken and waits for the disk (database: "), 0u)
+      << refusals[0];
+  EXPECT_NE(refusals[0].find("no room"), std::string::npos) << refusals[0];
+  write("DROP TRIGGER full");
+  EXPECT_EQ(Wait(job).state, JobState::kDone);
+}
+
 TEST_F(CaptureJobTest, CancelledBeforeTheDiskRefusesItIsNotGivenUpEither) {
   disk_hangs = true;
   hanging = 0;
