@@ -409,7 +409,9 @@ TEST_F(CaptureJobTest, CancelledBeforeTheDiskRefusesItIsNotGivenUpEither) {
   hanging = 0;
   const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
   while (hanging == 0) std::this_thread::sleep_for(2ms);
-  ASSERT_TRUE(queue_->Cancel(job->number).ok()) << "nothing is known to be the matter";
+  const auto cancelled = queue_->Cancel(job->number);
+  ASSERT_TRUE(cancelled.ok()) << "nothing is known to be the matter";
+  EXPECT_TRUE(cancelled->cancel_requested);
   LetTheDiskRefuse();
   disk_hangs = false;
   while (CountEvents("capture_waits") == 0) std::this_thread::sleep_for(2ms);
