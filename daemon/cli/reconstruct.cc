@@ -258,7 +258,7 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Writes poses.json, sparse/0 (COLMAP binary model), points.ply and report.html into DIR. "
       "Done "
       "(exit status 0) also means that some cameras may be missing: see 'registered'.",
-      "rotunda reconstruct captures/0042 --out captures/0042-poses");
+      "rotunda reconstruct person1 --out person1-poses");
   AddFiles(command, *arguments);
   AddMethodOptions(command, *arguments);
   AddStageOptions(command, *arguments);
