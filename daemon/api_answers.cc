@@ -14,7 +14,7 @@ constexpr size_t kMaxKeyLength = 200;
 constexpr char kQueueRetry_s[] = "60";
 
 bool IsKey(const std::string& text) {
-  return text.size() <= kMaxKeyLength &&
+  return !text.empty() && text.size() <= kMaxKeyLength &&
          std::all_of(text.begin(), text.end(), [](char c) { return c > 0x20 && c < 0x7F; });
 }
 
@@ -100,10 +100,12 @@ Result<Page> PageOf(const ApiRequest& request) {
 
 HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& body,
                        const ApiRequest& request) {
-  const std::string key = request.http.Header("idempotency-key");
-  if (!IsKey(key)) {
-    return Problem(400, "Idempotency-Key: expected at most " + std::to_string(kMaxKeyLength) +
-                            " printable characters without spaces");
+  const auto given = request.http.headers.find("idempotency-key");
+  const std::string key = given == request.http.headers.end() ? "" : given->second;
+  if (given != request.http.headers.end() && !IsKey(key)) {
+    return Problem(400, "Idempotency-Key: is '" + key + "', expected 1 to " +
+                            std::to_string(kMaxKeyLength) +
+                            " printable ASCII characters without spaces, or no such header");
   }
   const std::string text = body.empty() ? "{}" : body;
   if (const auto json = ParseJson(text, "body"); !json) {

@@ -124,7 +124,9 @@ std::vector<Route> JobRoutes(const ApiParts& parts) {
        .path = "/v1/jobs/{job}",
        .role = Role::kOperator,
        .operation = "cancelJob",
-       .summary = "Cancel a job; one that runs ends within a second or two",
+       .summary =
+           "Cancel a job; one that runs ends within a second or two, and is `done` when it is "
+           "a capture whose shot was taken",
        .schema = "Job",
        .refusals = {{409,
                      "The job has ended, or it is a capture whose shot is taken and waits for the "

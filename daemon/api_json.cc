@@ -66,12 +66,14 @@ Json ToJson(const ReconstructionRecord& reconstruction) {
                  {"capture", reconstruction.capture},
                  {"created_at", reconstruction.created_at},
                  {"method", reconstruction.method},
+                 {"prior", reconstruction.prior},
                  {"registered", reconstruction.registered},
                  {"of", reconstruction.of},
                  {"rms_px", reconstruction.rms_px},
                  {"verdict", reconstruction.verdict},
                  {"verdict_reason", reconstruction.verdict_reason},
                  {"used_for_drift", reconstruction.used_for_drift}};
+  AddIfAny(object, "preset", reconstruction.preset);
   if (reconstruction.verdict == "sure" || reconstruction.verdict == "folded")
     object["folded"] = reconstruction.folded;
   AddIfKnown(object, "calibration", reconstruction.calibration);
@@ -106,7 +108,7 @@ Json ToJson(const JobRecord& job) {
                  {"state", JobStateName(job.state)},
                  {"request", Stored(job.body)},
                  {"created_at", job.created_at}};
-  if (!job.stage.empty()) {
+  if (job.state == JobState::kRunning && !job.stage.empty()) {
     object["progress"] = {{"stage", job.stage}, {"done", job.done}, {"total", job.total}};
   }
   AddIfAny(object, "product", job.product);

@@ -118,10 +118,7 @@ void LookAtCameras(const CaptureStation& station, Overview& overview) {
 
 void LookAtDevices(const ApiParts& parts, Overview& overview) {
   LookAtCameras(parts.station, overview);
-  if (const auto trouble = parts.station.DiskTrouble()) {
-    overview.problems.push_back("a shot cannot be written and waits in memory: " +
-                                trouble->error.ToString());
-  }
+  for (const std::string& waits : parts.jobs.CancelRefusals()) overview.problems.push_back(waits);
   LookAtDisks(parts, overview);
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
   if (const auto trouble = parts.jobs.Trouble()) overview.problems.push_back(*trouble);
@@ -168,15 +165,12 @@ Status LookAtFrames(Store& store, const CaptureRecord& capture, Overview& overvi
 
 /// Says so when the newest captures that were reconstructed are all not sure, as many as it takes
 /// to name a camera, or half of those looked at. Those that wait for their reconstruction say
-/// nothing yet.
+/// nothing yet, and a prior says nothing of the pictures.
 Status LookAtVerdicts(Store& store, Overview& overview) {
   const size_t captures_to_tell = std::min(store.options().drift.captures, kCapturesLookedAt / 2);
-  ROTUNDA_ASSIGN_OR_RETURN(const auto newest,
-                           ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}));
-  if (!newest.items.empty()) {
-    overview.last_capture = newest.items.front();
-    ROTUNDA_RETURN_IF_ERROR(LookAtFrames(store, newest.items.front(), overview));
-  }
+  ROTUNDA_ASSIGN_OR_RETURN(
+      const auto newest,
+      ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}, Speakers::kWithoutPrior));
   std::vector<CaptureRecord> not_sure;
   for (const CaptureRecord& capture : newest.items) {
     if (!capture.reconstruction) continue;
@@ -191,12 +185,20 @@ Status LookAtVerdicts(Store& store, Overview& overview) {
   return {};
 }
 
+Status LookAtLastCapture(Store& store, Overview& overview) {
+  ROTUNDA_ASSIGN_OR_RETURN(const auto newest, ListCaptures(store, {.limit = 1, .after = ""}));
+  if (newest.items.empty()) return {};
+  overview.last_capture = newest.items.front();
+  return LookAtFrames(store, newest.items.front(), overview);
+}
+
 Status LookAtStore(const ApiParts& parts, CalibrationCheck& check, Overview& overview) {
   Store& store = parts.store;
   ROTUNDA_ASSIGN_OR_RETURN(overview.calibration, ActiveCalibration(store));
   ROTUNDA_ASSIGN_OR_RETURN(overview.queued_jobs, CountJobs(store, JobState::kQueued));
   ROTUNDA_ASSIGN_OR_RETURN(const auto running, ListJobs(store, {}, JobState::kRunning));
   overview.running = running.items;
+  ROTUNDA_RETURN_IF_ERROR(LookAtLastCapture(store, overview));
   ROTUNDA_RETURN_IF_ERROR(LookAtVerdicts(store, overview));
   ROTUNDA_RETURN_IF_ERROR(LookAtDrift(store, overview));
   if (!overview.calibration) {

@@ -15,14 +15,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxShots = 1000;
 
-std::string LensModelNames() {
-  std::string names;
-  for (const auto& [name, model] : rig::LensModelsByName()) {
-    names += (names.empty() ? "\"" : ", \"") + name + "\"";
-  }
-  return names;
-}
-
 void ReadRequestFields(const JsonField& root, CalibrationRequest& request) {
   for (const JsonField& item : root["captures"].Items()) request.captures.push_back(item.String());
   if (request.captures.empty() || request.captures.size() > kMaxShots) {
@@ -34,10 +26,7 @@ void ReadRequestFields(const JsonField& root, CalibrationRequest& request) {
       root["captures"].Fail("capture \"" + id + "\" is named twice: it would count as two shots");
     }
   }
-  if (root["model"].present()) request.model = root["model"].String();
-  if (!rig::LensModelsByName().contains(request.model)) {
-    root["model"].Refuse("one of " + LensModelNames());
-  }
+  request.model = ReadName(root["model"], NamesIn(rig::LensModelsByName()), request.model);
   const auto optional = [&](const char* key, std::optional<std::string>& value) {
     if (root[key].present()) value = root[key].String();
   };

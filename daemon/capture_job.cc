@@ -22,6 +22,7 @@
 #include "rig/aravis_camera.h"
 #include "rig/gpiod_trigger_line.h"
 #include "rig/sim/socket_trigger.h"
+#include "sfm/core/plain_text.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -54,16 +55,31 @@ Result<int> LineOf(const std::string& camera_input) {
 struct CaptureRequest {
   std::optional<std::string> subject;
   bool reconstruct = true;
+  sfm::RunChoices choices;  // of the reconstruction: preset and prior
 };
+
+void ReadChoices(const JsonField& root, CaptureRequest& request) {
+  sfm::RunChoices& choices = request.choices;
+  for (const char* key : {sfm::kPresetOption, sfm::kPriorOption}) {
+    if (request.reconstruct || !root[key].present()) continue;
+    root[key].Fail("has no effect on a capture that is not reconstructed");
+  }
+  choices.preset = ReadChoice(root[sfm::kPresetOption], RequestPresets(), choices.preset);
+  choices.calibration_prior =
+      ReadChoice(root[sfm::kPriorOption], sfm::PriorsByName(), choices.calibration_prior);
+}
 
 Result<CaptureRequest> ParseCaptureRequest(const std::string& body) {
   CaptureRequest request;
-  ROTUNDA_RETURN_IF_ERROR(ReadRequest(body, {"subject", "reconstruct"}, [&](const JsonField& root) {
+  const std::vector<std::string> keys = {"subject", "reconstruct", sfm::kPresetOption,
+                                         sfm::kPriorOption};
+  ROTUNDA_RETURN_IF_ERROR(ReadRequest(body, keys, [&](const JsonField& root) {
     if (root["reconstruct"].present()) request.reconstruct = root["reconstruct"].Bool();
+    ReadChoices(root, request);
     if (!root["subject"].present()) return;
     request.subject = root["subject"].String();
-    if (request.subject->size() > kMaxSubjectLength) {
-      root["subject"].Refuse("at most " + std::to_string(kMaxSubjectLength) + " bytes");
+    if (const Status fine = CheckSubject(*request.subject); !fine.ok()) {
+      root["subject"].Fail(fine.error().message);
     }
   }));
   return request;
@@ -73,12 +89,24 @@ std::string ToBody(const CaptureRequest& request) {
   Json body = Json::object();
   if (request.subject) body["subject"] = *request.subject;
   body["reconstruct"] = request.reconstruct;
+  if (!request.reconstruct) return body.dump();
+  body[sfm::kPresetOption] = NameIn(RequestPresets(), request.choices.preset);
+  body[sfm::kPriorOption] = NameIn(sfm::PriorsByName(), request.choices.calibration_prior);
   return body.dump();
+}
+
+/// Whether what a checked request refers to is there.
+Status CheckReferences(Store& store, const CaptureRequest& request) {
+  if (!request.choices.calibration_prior) return {};
+  ROTUNDA_ASSIGN_OR_RETURN(const std::optional<CalibrationRecord> active, ActiveCalibration(store));
+  if (active) return {};
+  return Error{ErrorCode::kInvalidArgument, "needs a calibration, and none is in force",
+               sfm::kPriorOption};
 }
 
 std::optional<NewJob> FollowUp(const CaptureRequest& request, const std::string& capture) {
   if (!request.reconstruct) return std::nullopt;
-  return NewJob{JobKind::kReconstruction, ReconstructionBody(capture), ""};
+  return NewJob{JobKind::kReconstruction, ReconstructionBody(capture, request.choices), ""};
 }
 
 /// Waits until all cameras are ready or patience is over.
@@ -353,6 +381,18 @@ Result<rig::CaptureSession::Devices> OpenDevices(
   return devices;
 }
 
+Status CheckSubject(const std::string& subject) {
+  std::string found = NotPlain(subject);
+  if (found.empty() && subject.size() > kMaxSubjectLength) {
+    found = std::to_string(subject.size()) + " bytes";
+  }
+  if (found.empty()) return {};
+  return Error{ErrorCode::kInvalidArgument,
+               "expected at most " + std::to_string(kMaxSubjectLength) +
+                   " bytes of UTF-8 without control characters, found " + found,
+               "subject"};
+}
+
 rig::Shot FactsOf(const rig::Shot& shot) {
   rig::Shot facts;
   facts.skew = shot.skew;
@@ -426,10 +466,6 @@ Result<std::string> CaptureStation::PreviewJpeg(const std::string& camera) {
   return ToJpeg(frame);
 }
 
-std::optional<rig::FrameSetWriter::Trouble> CaptureStation::DiskTrouble() const {
-  return writer_.trouble();
-}
-
 const char* CaptureStation::TriggerSource() const {
   return options_.simulated ? "simulated" : "gpio";
 }
@@ -459,6 +495,10 @@ JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobO
   handler.check = [](const std::string& body) -> Result<std::string> {
     ROTUNDA_ASSIGN_OR_RETURN(const CaptureRequest request, ParseCaptureRequest(body));
     return ToBody(request);
+  };
+  handler.refers = [&store](const std::string& body) -> Status {
+    ROTUNDA_ASSIGN_OR_RETURN(const CaptureRequest request, ParseCaptureRequest(body));
+    return CheckReferences(store, request);
   };
   handler.admit = [work] { return work.CheckRoom(); };
   handler.run = [work](const JobRecord& job, JobContext& context) {

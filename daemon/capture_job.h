@@ -21,6 +21,9 @@ namespace rotunda::daemon {
 Result<rig::CaptureSession::Devices> OpenDevices(
     const rig::CaptureOptions& options, const std::optional<std::filesystem::path>& simulated);
 
+/// kInvalidArgument, "subject" as context, says what was found and what may stand there.
+Status CheckSubject(const std::string& subject);
+
 /// The stage of a capture job whose shot is taken and that the disk refuses.
 inline constexpr char kWaitingForDisk[] = "waiting for the disk";
 
@@ -48,8 +51,6 @@ class CaptureStation {
   std::optional<Error> OpenTrouble() const;
   /// One camera's picture now, demosaiced, as JPEG. kNotFound: no such camera.
   Result<std::string> PreviewJpeg(const std::string& camera);
-  /// Why the oldest shot cannot be written; unset while all is well.
-  std::optional<rig::FrameSetWriter::Trouble> DiskTrouble() const;
 
   const char* TriggerSource() const;  // "gpio" or "simulated", for the frame set
 

@@ -2,7 +2,9 @@
 
 #include <cmath>
 
+#include "sfm/core/name_list.h"
 #include "sfm/rig_alignment.h"
+#include "sfm/run_choices.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -28,6 +30,11 @@ bool PicturesAreSure(const PoseSummary& summary) {
   return summary.verdict == "sure" || summary.verdict_of_pictures == "sure";
 }
 
+/// Poses that the calibration has helped to place cannot tell where cameras have gone from it.
+bool HadPrior(const PoseSet& poses) {
+  return sfm::PriorOf(poses) != NameIn(sfm::PriorsByName(), false);
+}
+
 /// Else the calibration is not theirs, or nobody knows which cameras stand where it has them.
 bool MostAreInPlace(const std::vector<CameraPose>& cameras) {
   size_t compared = 0, far_off = 0;
@@ -48,7 +55,7 @@ bool IsBeyond(const VsCalibration& change, const DriftLimits& limits) {
 
 bool MaySpeakOfDrift(const PoseSet& poses) {
   const PoseSummary& summary = poses.summary;
-  return poses.metric && poses.aligned_to && PicturesAreSure(summary) &&
+  return poses.metric && poses.aligned_to && !HadPrior(poses) && PicturesAreSure(summary) &&
          !summary.folded.value_or(false) && MostAreInPlace(poses.cameras);
 }
 

@@ -11,8 +11,8 @@
 namespace rotunda::daemon {
 
 /// Whether the result may speak of drift: it is metric, not folded, and was compared with a
-/// calibration, its pictures alone are sure, and most cameras are in place: fewer than half are far
-/// off or beyond their uncertainties.
+/// calibration that was not its prior, its pictures alone are sure, and most cameras are in place:
+/// fewer than half are far off or beyond their uncertainties.
 bool MaySpeakOfDrift(const PoseSet& poses);
 
 /// Every registered camera's drift; sorted by camera. A camera is beyond its limit when the

@@ -49,10 +49,16 @@ class JobQueue::Worker {
     if (number == running_) stop_.request_stop();
   }
 
-  /// Why the job is not to be cancelled; nullopt: it may be, or another one runs.
-  std::optional<std::string> CancelRefusal(int64_t number) const {
+  /// A job that is not to be cancelled, and why.
+  struct Refusal {
+    int64_t number = 0;
+    std::string why;
+  };
+  /// nullopt: none runs, or the one that does may be cancelled.
+  std::optional<Refusal> CancelRefusal() const {
     const std::lock_guard lock(mutex_);
-    return number == running_ ? cancel_refusal_ : std::nullopt;
+    if (running_ == 0 || !cancel_refusal_) return std::nullopt;
+    return Refusal{running_, *cancel_refusal_};
   }
 
   std::optional<std::string> Hung() const {
@@ -287,9 +293,9 @@ Status JobQueue::CheckQueue() const {
 
 Result<JobRecord> JobQueue::Cancel(int64_t number) {
   for (const auto& worker : workers_) {
-    if (const auto why = worker->CancelRefusal(number)) {
-      return Error{ErrorCode::kInvalidArgument, *why, "job " + std::to_string(number)};
-    }
+    const auto refusal = worker->CancelRefusal();
+    if (!refusal || refusal->number != number) continue;
+    return Error{ErrorCode::kInvalidArgument, refusal->why, "job " + std::to_string(number)};
   }
   ROTUNDA_ASSIGN_OR_RETURN(JobRecord job, RequestCancel(store_, number));
   for (const auto& worker : workers_) worker->Cancel(number);
@@ -314,6 +320,14 @@ std::optional<std::string> JobQueue::Hung() const {
     if (auto hung = worker->Hung()) return hung;
   }
   return std::nullopt;
+}
+
+std::vector<std::string> JobQueue::CancelRefusals() const {
+  std::vector<std::string> refusals;
+  for (const auto& worker : workers_) {
+    if (const auto refusal = worker->CancelRefusal()) refusals.push_back(refusal->why);
+  }
+  return refusals;
 }
 
 std::optional<std::string> JobQueue::Trouble() const {

@@ -84,6 +84,8 @@ class JobQueue {
 
   /// Which job hangs, in words; nullopt while all is well. For the watchdog.
   std::optional<std::string> Hung() const;
+  /// Why jobs that run are not to be cancelled (JobContext::refuse_cancel), each in words.
+  std::vector<std::string> CancelRefusals() const;
   /// Why the store gives no jobs, in words; nullopt while all is well. It is asked again all the
   /// while.
   std::optional<std::string> Trouble() const;

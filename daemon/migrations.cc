@@ -157,8 +157,15 @@ ALTER TABLE frames ADD COLUMN reason TEXT NOT NULL DEFAULT '';
 ALTER TABLE calibrations ADD COLUMN made_from TEXT NOT NULL DEFAULT '';
 )sql";
 
-constexpr std::array<std::string_view, 5> kSteps = {kFirstSchema, kJobIndexes, kUnregistered,
-                                                    kDriftIndex, kOrigins};
+// Before there was a choice.
+constexpr std::string_view kChoices = R"sql(
+ALTER TABLE reconstructions ADD COLUMN preset TEXT NOT NULL DEFAULT '';
+ALTER TABLE reconstructions ADD COLUMN prior TEXT NOT NULL DEFAULT 'none';
+UPDATE reconstructions SET preset = 'rig' WHERE method = 'tc-sfm';
+)sql";
+
+constexpr std::array<std::string_view, 6> kSteps = {kFirstSchema, kJobIndexes, kUnregistered,
+                                                    kDriftIndex,  kOrigins,    kChoices};
 
 Status CheckOwner(Database& database, int64_t version) {
   ROTUNDA_ASSIGN_OR_RETURN(const int64_t owner, database.Number("PRAGMA application_id"));

@@ -17,18 +17,10 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-sfm::PipelineOptions OptionsOf(const ReconstructionRequest& request) {
-  sfm::PipelineOptions options;
-  if (request.method == kPlainMethod) options.method = sfm::Method::kPlain;
-  sfm::ApplyPreset(sfm::Preset::kRig, options);
-  if (request.pairs == kNeighbourPairs) options.pairs = sfm::PairSelection::kNeighbours;
-  options.refine_intrinsics = request.refine_intrinsics;
-  return options;
-}
-
 std::string ResultOf(const ReconstructionRecord& record, const std::vector<std::string>& notes) {
   const Json result = {{"reconstruction", record.id},
                        {"capture", record.capture},
+                       {"prior", record.prior},
                        {"registered", record.registered},
                        {"of", record.of},
                        {"rms_px", record.rms_px},
@@ -61,7 +53,7 @@ Result<ReconstructionTask> TaskOf(Store& store, const ReconstructionRequest& req
   if (task.in_force.calibration && task.in_force.page.empty()) {
     task.in_force.page = PageOf(store, *task.in_force.calibration);
   }
-  task.options = OptionsOf(request);
+  task.options = sfm::OptionsOf(request.choices);
   task.out = store.ReconstructionFolder(id);
   return task;
 }

@@ -1,32 +1,33 @@
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 
 #include "daemon/jobs.h"
 #include "daemon/store.h"
 #include "sfm/core/result.h"
+#include "sfm/run_choices.h"
 
 namespace rotunda::daemon {
 
 /// POST /v1/captures/{id}/reconstructions, its body with "capture" added: {"capture": id,
-/// "calibration": id?, "method": "tc-sfm" | "plain"?, "pairs": "exhaustive" | "neighbours"?,
-/// "refine_intrinsics": bool?}.
+/// "calibration": id?, "method"?, "preset"?, "pairs"?, "prior"?: names in sfm/run_choices.h
+/// (preset: RequestPresets()), "refine_intrinsics": bool?}.
 struct ReconstructionRequest {
   std::string capture;
   std::optional<std::string> calibration;
-  std::string method = "tc-sfm";
-  std::string pairs = "exhaustive";
-  std::optional<bool> refine_intrinsics;
+  sfm::RunChoices choices;
 };
-inline constexpr char kPlainMethod[] = "plain";
-inline constexpr char kNeighbourPairs[] = "neighbours";
+
+/// All but the literal one, which is to compare methods with.
+const std::map<std::string, sfm::Preset>& RequestPresets();
 
 /// kInvalidArgument names the field.
 Result<ReconstructionRequest> ParseReconstructionRequest(const std::string& body);
 
-/// The body of the request to reconstruct a capture in the usual way.
-std::string ReconstructionBody(const std::string& capture);
+/// The body of the request to reconstruct a capture, with the calibration in force at the shot.
+std::string ReconstructionBody(const std::string& capture, const sfm::RunChoices& choices = {});
 
 /// What a queue needs to take such requests, without what does the work (`run`): that is in
 /// reconstruction_job.h, with all the libraries it takes. `store` outlives the handler.

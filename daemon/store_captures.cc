@@ -20,13 +20,17 @@ namespace fs = std::filesystem;
 constexpr int kMaxIdsASecond = 1000;
 
 // With the reconstruction that speaks for it, of those whose files are there: a later one that is
-// not sure does not take the place of one that is.
-constexpr char kSelect[] = R"sql(
+// not sure does not take the place of one that is, nor one that needed a prior that of one that did
+// not.
+std::string SelectText(Speakers speakers) {
+  return std::string(R"sql(
 SELECT c.id, c.captured_at, c.subject, c.ok_frames, c.frames, c.calibration, c.files_gone,
        r.id, r.verdict, r.verdict_reason
 FROM captures c LEFT JOIN reconstructions r ON r.id =
-  (SELECT id FROM reconstructions WHERE capture = c.id AND files_gone = 0
-   ORDER BY verdict = 'sure' DESC, created_at DESC, id DESC LIMIT 1) )sql";
+  (SELECT id FROM reconstructions WHERE capture = c.id AND files_gone = 0 )sql") +
+         (speakers == Speakers::kWithoutPrior ? "AND prior = 'none' " : "") + R"sql(
+   ORDER BY (verdict = 'sure') * (1 + (prior = 'none')) DESC, created_at DESC, id DESC LIMIT 1) )sql";
+}
 
 CaptureRecord ReadCapture(Statement& row) {
   CaptureRecord capture;
@@ -127,7 +131,7 @@ Status InsertCapture(Database& database, const CaptureRecord& capture, const Fra
 }
 
 Result<CaptureRecord> SelectCapture(Database& database, const std::string& id) {
-  Statement row = database.Prepare(std::string(kSelect) + "WHERE c.id = ?");
+  Statement row = database.Prepare(SelectText(Speakers::kAll) + "WHERE c.id = ?");
   ROTUNDA_ASSIGN_OR_RETURN(std::optional<CaptureRecord> capture,
                            ReadOne(row.Bind(id), ReadCapture));
   if (!capture) return NotFound("capture", id);
@@ -233,7 +237,7 @@ Result<CaptureRecord> FindCapture(Store& store, const std::string& id) {
   return capture;
 }
 
-Result<Listing<CaptureRecord>> ListCaptures(Store& store, const Page& page) {
+Result<Listing<CaptureRecord>> ListCaptures(Store& store, const Page& page, Speakers speakers) {
   ROTUNDA_RETURN_IF_ERROR(CheckPage(page));
   Result<Listing<CaptureRecord>> listing = Listing<CaptureRecord>();
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) -> Status {
@@ -245,8 +249,8 @@ Result<Listing<CaptureRecord>> ListCaptures(Store& store, const Page& page) {
                                }));
       where = "WHERE (c.captured_at, c.id) < (?, ?) ";
     }
-    Statement rows =
-        database.Prepare(kSelect + where + "ORDER BY c.captured_at DESC, c.id DESC LIMIT ?");
+    Statement rows = database.Prepare(SelectText(speakers) + where +
+                                      "ORDER BY c.captured_at DESC, c.id DESC LIMIT ?");
     for (const std::string& value : after) rows.Bind(value);
     rows.Bind(uint64_t{page.limit + 1});
     listing = ReadListing<CaptureRecord>(

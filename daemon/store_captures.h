@@ -20,7 +20,10 @@ Result<CaptureRecord> RecordCapture(Store& store, const std::string& id,
 
 /// kNotFound. So do all functions that take the id of something.
 Result<CaptureRecord> FindCapture(Store& store, const std::string& id);
-Result<Listing<CaptureRecord>> ListCaptures(Store& store, const Page& page);
+/// Which reconstructions may speak for a capture.
+enum class Speakers { kAll, kWithoutPrior };
+Result<Listing<CaptureRecord>> ListCaptures(Store& store, const Page& page,
+                                            Speakers speakers = Speakers::kAll);
 /// By camera name.
 Result<std::vector<FrameRecord>> ListFrames(Store& store, const std::string& capture);
 

@@ -10,6 +10,7 @@
 #include "daemon/store_internal.h"
 #include "daemon/store_sql.h"
 #include "sfm/core/pose_set.h"
+#include "sfm/run_choices.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -17,8 +18,9 @@ namespace {
 constexpr int kMaxReconstructions = 10000;
 
 constexpr char kSelect[] =
-    "SELECT id, capture, calibration, created_at, method, registered, of_cameras, rms_px, verdict, "
-    "verdict_reason, folded, used_for_drift, mean_rotation_deg, mean_position_mm, files_gone "
+    "SELECT id, capture, calibration, created_at, method, preset, prior, registered, of_cameras, "
+    "rms_px, verdict, verdict_reason, folded, used_for_drift, mean_rotation_deg, mean_position_mm, "
+    "files_gone "
     "FROM reconstructions ";
 
 constexpr char kSelectDrift[] =
@@ -32,6 +34,8 @@ ReconstructionRecord ReadRow(Statement& row) {
   record.calibration = row.OptionalText();
   record.created_at = row.Text();
   record.method = row.Text();
+  record.preset = row.Text();
+  record.prior = row.Text();
   record.registered = row.Count();
   record.of = row.Count();
   record.rms_px = row.Real();
@@ -82,6 +86,10 @@ ReconstructionRecord Describe(const std::string& id, const PoseSet& poses) {
   record.capture = poses.frameset;
   record.calibration = poses.aligned_to;
   record.method = poses.method;
+  if (const auto preset = poses.options.find(sfm::kPresetOption); preset != poses.options.end()) {
+    record.preset = preset->second;
+  }
+  record.prior = sfm::PriorOf(poses);
   record.registered = poses.summary.registered;
   record.of = poses.summary.of;
   record.rms_px = poses.summary.rms_px;
@@ -96,11 +104,17 @@ ReconstructionRecord Describe(const std::string& id, const PoseSet& poses) {
 
 Status Insert(Database& database, const ReconstructionRecord& record) {
   Statement insert = database.Prepare(
-      "INSERT INTO reconstructions (id, capture, calibration, created_at, method, registered, "
-      "of_cameras, rms_px, verdict, verdict_reason, folded, used_for_drift, mean_rotation_deg, "
-      "mean_position_mm) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+      "INSERT INTO reconstructions (id, capture, calibration, created_at, method, preset, "
+      "prior, registered, of_cameras, rms_px, verdict, verdict_reason, folded, used_for_drift, "
+      "mean_rotation_deg, mean_position_mm) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
+      "?)");
   insert.Bind(record.id).Bind(record.capture).Bind(record.calibration).Bind(record.created_at);
-  insert.Bind(record.method).Bind(record.registered).Bind(record.of).Bind(record.rms_px);
+  insert.Bind(record.method)
+      .Bind(record.preset)
+      .Bind(record.prior)
+      .Bind(record.registered)
+      .Bind(record.of)
+      .Bind(record.rms_px);
   insert.Bind(record.verdict).Bind(record.verdict_reason).Bind(record.folded);
   insert.Bind(record.used_for_drift).Bind(record.mean_rotation_deg).Bind(record.mean_position_mm);
   return insert.Run();
@@ -410,6 +424,7 @@ Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::strin
                                {{"capture", record.capture},
                                 {"registered", record.registered},
                                 {"of", record.of},
+                                {"prior", record.prior},
                                 {"verdict", record.verdict},
                                 {"verdict_reason", record.verdict_reason},
                                 {"used_for_drift", record.used_for_drift}}));

@@ -34,8 +34,8 @@ struct CaptureRecord {
   uint64_t frames = 0;
   std::optional<std::string> calibration;  // in force when it was taken
   bool files_gone = false;                 // the folder was missing when the daemon started
-  // The newest reconstruction that is sure, else the newest: its id and what it says ("sure",
-  // "unsure", "folded" or empty), and why.
+  // The newest reconstruction that is sure without a prior, else with one, else the newest: its id
+  // and what it says ("sure", "unsure", "folded" or empty), and why.
   std::optional<std::string> reconstruction;
   std::string verdict;
   std::string verdict_reason;
@@ -74,6 +74,8 @@ struct ReconstructionRecord {
   std::optional<std::string> calibration;  // its poses are compared with
   std::string created_at;
   std::string method;
+  std::string preset;          // empty: the method has none
+  std::string prior = "none";  // "calibration": its poses are no evidence of where cameras stand
   uint64_t registered = 0;
   uint64_t of = 0;
   double rms_px = 0;

@@ -189,14 +189,13 @@ Result<FrontEnd> RunFrontEnd(const Run& run) {
 
 std::map<std::string, std::string> DescribeOptions(const Run& run, bool refine_intrinsics) {
   std::map<std::string, std::string> described = {
-      {"pairs", run.options.database                              ? "database"
-                : run.options.pairs == PairSelection::kExhaustive ? "exhaustive"
-                                                                  : "neighbours"},
+      {"pairs",
+       run.options.database ? "database" : NameIn(PairSelectionsByName(), run.options.pairs)},
       {"intrinsics", refine_intrinsics ? "refined" : "fixed"},
       {"max_keypoints", std::to_string(run.options.features.max_keypoints)},
       {"seed", std::to_string(run.context.seed)}};
-  if (run.options.method != Method::kPlain) described["preset"] = run.options.preset;
-  if (run.options.calibration_prior) described["prior"] = "calibration";
+  if (run.options.method != Method::kPlain) described[kPresetOption] = run.options.preset;
+  if (run.options.calibration_prior) described[kPriorOption] = NameIn(PriorsByName(), true);
   for (const auto& [name, value] : run.options.settings) described["set " + name] = value;
   return described;
 }
@@ -435,18 +434,6 @@ Status CheckFeatureSettings(const PipelineOptions& options) {
 
 }  // namespace
 
-const char* MethodName(Method method) {
-  switch (method) {
-    case Method::kTcSfm:
-      return "tc-sfm";
-    case Method::kLiteral:
-      return "tc-sfm literal";
-    case Method::kPlain:
-      return "plain";
-  }
-  return "";
-}
-
 Result<Stage> StageFromName(std::string_view name) {
   if (name == "features") return Stage::kFeatures;
   if (name == "matches") return Stage::kMatches;
@@ -459,10 +446,7 @@ Result<Stage> StageFromName(std::string_view name) {
 }
 
 Status PipelineOptions::Validate() const {
-  if (calibration_prior && method != Method::kTcSfm) {
-    return Error{ErrorCode::kInvalidArgument, std::string("has no effect on ") + MethodName(method),
-                 "prior"};
-  }
+  if (calibration_prior) ROTUNDA_RETURN_IF_ERROR(CheckPriorOf(method));
   if (start_from && !stages_folder) {
     return Error{ErrorCode::kInvalidArgument,
                  "starting from a stage needs the folder of the stages", ""};
@@ -501,7 +485,8 @@ Result<PipelineResult> RunPipeline(const FrameSet& set,
   }
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
   if (options.calibration_prior && !calibration) {
-    return Error{ErrorCode::kInvalidArgument, "needs a calibration, and there is none", "prior"};
+    return Error{ErrorCode::kInvalidArgument, "needs a calibration, and there is none",
+                 kPriorOption};
   }
   ROTUNDA_RETURN_IF_ERROR(CheckFront(run));
   ROTUNDA_RETURN_IF_ERROR(CheckStages(run));

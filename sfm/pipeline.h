@@ -16,20 +16,12 @@
 #include "sfm/literal_tc_sfm.h"
 #include "sfm/matching.h"
 #include "sfm/reconstruction.h"
+#include "sfm/run_choices.h"
 #include "sfm/segments.h"
 #include "sfm/tc_sfm.h"
 #include "sfm/two_view.h"
 
 namespace rotunda::sfm {
-
-enum class Method {
-  kTcSfm,
-  kLiteral,  // TC-SfM as it was published
-  kPlain,    // incremental structure from motion as it is: folds when front and back look the same
-};
-const char* MethodName(Method method);  // "tc-sfm", "tc-sfm literal", "plain"
-
-enum class PairSelection { kExhaustive, kNeighbours };
 
 /// Products that can be written to disk and started from, in the order of the data.
 enum class Stage { kFeatures, kMatches, kTwoViews, kTracks };

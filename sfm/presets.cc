@@ -6,6 +6,8 @@
 #include <map>
 #include <optional>
 
+#include "sfm/core/name_list.h"
+
 namespace rotunda::sfm {
 namespace {
 
@@ -109,22 +111,20 @@ const std::map<std::string, Setting, std::less<>>& Settings() {
 
 }  // namespace
 
-const char* PresetName(Preset preset) {
-  switch (preset) {
-    case Preset::kRig:
-      return "rig";
-    case Preset::kInternet:
-      return "internet";
-    case Preset::kLiteral:
-      return "literal";
-  }
-  return "";
-}
-
 void ApplyPreset(Preset preset, PipelineOptions& options) {
-  options.preset = PresetName(preset);
+  options.preset = NameIn(PresetsByName(), preset);
   if (preset == Preset::kLiteral) options.method = Method::kLiteral;
   if (preset == Preset::kInternet) options.tc_sfm.max_gap_deg.reset();
+}
+
+PipelineOptions OptionsOf(const RunChoices& choices) {
+  PipelineOptions options;
+  options.method = choices.method;
+  ApplyPreset(choices.preset, options);
+  options.pairs = choices.pairs;
+  options.calibration_prior = choices.calibration_prior;
+  options.refine_intrinsics = choices.refine_intrinsics;
+  return options;
 }
 
 Status SetOption(std::string_view key, std::string_view value, PipelineOptions& options) {

@@ -5,19 +5,15 @@
 
 #include "sfm/core/result.h"
 #include "sfm/pipeline.h"
+#include "sfm/run_choices.h"
 
 namespace rotunda::sfm {
 
-enum class Preset {
-  kRig,       // a cylinder of calibrated cameras around a person; the default
-  kInternet,  // photographs from anywhere: nothing is known of where the cameras stand
-  kLiteral,   // TC-SfM word for word, to compare with
-};
-
-const char* PresetName(Preset preset);  // "rig", "internet", "literal"
-
 /// Sets what the preset changes of the method tc-sfm.
 void ApplyPreset(Preset preset, PipelineOptions& options);
+
+/// What the choices stand for; they are valid.
+PipelineOptions OptionsOf(const RunChoices& choices);
 
 /// Sets one option by its name, for comparisons. kInvalidArgument names the key or the value and
 /// what is known or expected, also when the option does not act on `options.method`.

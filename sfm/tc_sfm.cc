@@ -275,8 +275,8 @@ std::optional<double> GapInRing_deg(const Reconstruction& model, const TcSfmOpti
 
 std::string GapReason(double gap_deg) {
   return "no camera stands in " + std::to_string(std::lround(gap_deg)) +
-         " of the 360 deg around the subject, as in a folded reconstruction (of cameras that do "
-         "not surround it, --preset internet)";
+         " of the 360 deg around the subject, as in a folded reconstruction (for cameras that do "
+         "not surround it there is the preset internet)";
 }
 
 /// What tells look-alike parts of the subject apart.

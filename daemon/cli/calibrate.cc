@@ -341,6 +341,7 @@ void AddCalibrate(CLI::App& app, CommonOptions& common, Action& chosen) {
       "are of the model they were found with",
       rig::LensModelsByName());
   command->get_option("--model")->excludes("--fix-intrinsics-from");
+  AddThreads(command, common);
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
       const Status status = Calibrate(*arguments, common);

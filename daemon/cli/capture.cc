@@ -399,12 +399,12 @@ void AddShotOptions(CLI::App* command, CLI::Option* rig, DaemonShot& shot) {
           ->add_flag("--follow", shot.follow,
                      "Wait for its reconstruction, too: tell the verdict, and cameras that moved")
           ->excludes(rig);
-  command
-      ->add_flag_callback(
-          "--no-reconstruct", [&shot] { shot.reconstruct = false; },
-          "Do not reconstruct it afterwards (the calibration target)")
-      ->excludes(rig)
-      ->excludes(follow);
+  CLI::Option* none = command->add_flag_callback(
+      "--no-reconstruct", [&shot] { shot.reconstruct = false; },
+      "Do not reconstruct it afterwards (the calibration target)");
+  none->excludes(rig)->excludes(follow);
+  AddPresetOption(command, shot.preset)->excludes(rig)->excludes(none);
+  AddPriorOption(command, shot.prior)->excludes(rig)->excludes(none);
 }
 
 }  // namespace
@@ -423,7 +423,14 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       "rotunda capture --subject \"person 1\" --follow\n"
       "  rotunda capture --rig config/capture.toml --out person1\n"
       "  rotunda capture --rig config/capture.toml --out person1 --simulated");
-  command->add_option("--subject", arguments->subject, "Whom or what the pictures show");
+  const CLI::Validator subject(
+      [](const std::string& text) {
+        const Status fine = daemon::CheckSubject(text);
+        return fine.ok() ? std::string() : fine.error().message;
+      },
+      "");
+  command->add_option("--subject", arguments->subject, "Whom or what the pictures show")
+      ->check(subject);
   CLI::Option* rig = AddRigOption(command, *arguments);
   CLI::Option* out =
       command
@@ -451,6 +458,7 @@ void AddCapture(CLI::App& app, CommonOptions& common, Action& chosen) {
       ->type_name("FILE")
       ->check(CLI::ExistingFile)
       ->needs(rig);
+  AddThreads(command, common)->needs(rig);
   AddShotOptions(command, rig, *shot);
   command->callback([arguments, shot, &common, &chosen] {
     chosen = [arguments, shot, &common] {

@@ -3,9 +3,12 @@
 #include <CLI/CLI.hpp>
 #include <functional>
 #include <map>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
+
+#include "sfm/core/name_list.h"
 
 namespace rotunda::cli {
 
@@ -35,21 +38,25 @@ void AddCalibrations(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddDrift(CLI::App& app, CommonOptions& common, Action& chosen);
 void AddEvents(CLI::App& app, CommonOptions& common, Action& chosen);
 
-/// A sub-command with --json, --threads and an example under its help.
+/// A sub-command with --json and an example under its help.
 CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& name,
                      const std::string& description, const std::string& example);
 
+/// --threads, of a command that computes.
+CLI::Option* AddThreads(CLI::App* command, CommonOptions& common);
+
 /// An option whose values have names.
-template <typename Enum>
-void AddChoice(CLI::App* command, const std::string& name, Enum& value, const std::string& help,
-               const std::map<std::string, Enum>& choices) {
-  std::vector<std::string> names;
-  for (const auto& [choice, unused] : choices) names.push_back(choice);
-  command
+template <typename T>
+CLI::Option* AddChoice(CLI::App* command, const std::string& name, T& value,
+                       const std::string& help, const std::map<std::string, T>& choices) {
+  return command
       ->add_option_function<std::string>(
           name, [&value, choices](const std::string& choice) { value = choices.at(choice); }, help)
-      ->check(CLI::IsMember(names));
+      ->check(CLI::IsMember(NamesIn(choices)));
 }
+
+/// --fix-intrinsics and --refine-intrinsics; gives both.
+std::vector<CLI::Option*> AddLensFlags(CLI::App* command, std::optional<bool>& refine);
 
 /// --seed: a whole number, nothing else.
 void AddSeed(CLI::App* command, uint64_t& seed, const std::string& help);

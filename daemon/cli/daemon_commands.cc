@@ -12,6 +12,7 @@
 #include "daemon/cli/api_client.h"
 #include "daemon/cli/daemon_tables.h"
 #include "daemon/cli/terminal.h"
+#include "daemon/reconstruction_request.h"
 #include "rig/lens_models.h"
 
 namespace rotunda::cli {
@@ -139,8 +140,8 @@ std::string ListTarget(const std::string& path, const QueryArguments& query) {
 /// Of a reconstruction that is asked for; empty fields are left to the daemon.
 struct ReconstructionArguments {
   bool wanted = false;
-  std::string calibration, method, pairs;
-  bool fix_intrinsics = false, refine_intrinsics = false;
+  std::string calibration, method, preset, pairs, prior;
+  std::optional<bool> refine_intrinsics;
 };
 
 void AddReconstructionOptions(CLI::App* command, ReconstructionArguments& arguments) {
@@ -153,19 +154,14 @@ void AddReconstructionOptions(CLI::App* command, ReconstructionArguments& argume
       ->type_name("CALIBRATION")
       ->needs(wanted);
   command->add_option("--method", arguments.method, "See rotunda reconstruct; default: tc-sfm")
-      ->check(CLI::IsMember({"tc-sfm", "plain"}))
+      ->check(CLI::IsMember(NamesIn(sfm::MethodsByName())))
       ->needs(wanted);
   command->add_option("--pairs", arguments.pairs, "Pairs to match; default: exhaustive")
-      ->check(CLI::IsMember({"exhaustive", "neighbours"}))
+      ->check(CLI::IsMember(NamesIn(sfm::PairSelectionsByName())))
       ->needs(wanted);
-  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments.fix_intrinsics,
-                                       "Keep intrinsics (default when they are calibrated)");
-  fix->needs(wanted);
-  command
-      ->add_flag("--refine-intrinsics", arguments.refine_intrinsics,
-                 "Refine focal length and distortion (default without a calibration)")
-      ->needs(wanted)
-      ->excludes(fix);
+  AddPresetOption(command, arguments.preset)->needs(wanted);
+  AddPriorOption(command, arguments.prior)->needs(wanted);
+  for (CLI::Option* flag : AddLensFlags(command, arguments.refine_intrinsics)) flag->needs(wanted);
 }
 
 /// `body` with the field, when there is a value.
@@ -177,10 +173,10 @@ Json BodyOf(const ReconstructionArguments& arguments) {
   Json body = Json::object();
   SetIfGiven(body, "calibration", arguments.calibration);
   SetIfGiven(body, "method", arguments.method);
+  SetIfGiven(body, "preset", arguments.preset);
   SetIfGiven(body, "pairs", arguments.pairs);
-  if (arguments.fix_intrinsics || arguments.refine_intrinsics) {
-    body["refine_intrinsics"] = arguments.refine_intrinsics;
-  }
+  SetIfGiven(body, "prior", arguments.prior);
+  if (arguments.refine_intrinsics) body["refine_intrinsics"] = *arguments.refine_intrinsics;
   return body;
 }
 
@@ -194,11 +190,9 @@ void AddCalibrationOptions(CLI::App* command, CalibrationArguments& arguments) {
   CLI::Option* from = command->add_option("--from", arguments.captures,
                                           "Calibrate from these captures of the target, and wait");
   from->type_name("CAPTURE")->excludes("--activate")->excludes("CALIBRATION");
-  std::vector<std::string> models;
-  for (const auto& [name, model] : rig::LensModelsByName()) models.push_back(name);
   CLI::Option* model =
       command->add_option("--model", arguments.model, "Lenses, see rotunda calibrate");
-  model->check(CLI::IsMember(models))->needs(from);
+  model->check(CLI::IsMember(NamesIn(rig::LensModelsByName())))->needs(from);
   const auto earlier = [&](const char* name, std::string& id, const char* help) {
     return command->add_option(name, id, help)->type_name("CALIBRATION")->needs(from);
   };
@@ -290,10 +284,28 @@ CLI::Option* AddSocketOption(CLI::App* command, fs::path& socket) {
       ->capture_default_str();
 }
 
+CLI::Option* AddPresetOption(CLI::App* command, std::string& preset) {
+  return command
+      ->add_option("--preset", preset,
+                   "rig (default): the cameras surround the subject, and a result in which they do "
+                   "not is unsure; internet: they may stand anywhere")
+      ->check(CLI::IsMember(NamesIn(daemon::RequestPresets())));
+}
+
+CLI::Option* AddPriorOption(CLI::App* command, std::string& prior) {
+  return command
+      ->add_option("--prior", prior,
+                   "calibration: see rotunda reconstruct; such a result is not used for drift. "
+                   "Default: none")
+      ->check(CLI::IsMember(NamesIn(sfm::PriorsByName())));
+}
+
 int CaptureByDaemon(const DaemonShot& shot, const CommonOptions& common) {
   const ApiClient client(shot.socket, common.stop);
   Json body = {{"reconstruct", shot.reconstruct}};
   if (shot.subject) body["subject"] = *shot.subject;
+  SetIfGiven(body, "preset", shot.preset);
+  SetIfGiven(body, "prior", shot.prior);
   const Result<Json> job = RunJob(client, "/v1/captures", body, common);
   if (!job) return Fail(job.error());
   Json result = (*job)["result"];
@@ -357,7 +369,8 @@ void AddCaptures(CLI::App& app, CommonOptions& common, Action& chosen) {
       AddQuery(app, common, *query,
                {"captures", "List the daemon's captures, show one, or reconstruct one again.",
                 "rotunda captures\n  rotunda captures 20261122T101500Z\n"
-                "  rotunda captures 20261122T101500Z --reconstruct",
+                "  rotunda captures 20261122T101500Z --reconstruct\n"
+                "  rotunda captures 20261122T101500Z --reconstruct --prior calibration",
                 "CAPTURE"});
   auto reconstruction = std::make_shared<ReconstructionArguments>();
   AddReconstructionOptions(command, *reconstruction);

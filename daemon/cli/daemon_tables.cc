@@ -3,22 +3,12 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "sfm/core/plain_text.h"
+
 namespace rotunda::cli {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-/// `text` (UTF-8) with '?' for each byte of a control character.
-std::string Printable(std::string text) {
-  unsigned char before = 0;
-  for (char& letter : text) {
-    const auto byte = static_cast<unsigned char>(letter);
-    const bool is_c1 = before == 0xC2 && byte >= 0x80 && byte < 0xA0;
-    if (byte < 0x20 || byte == 0x7F || is_c1) letter = '?';
-    before = byte;
-  }
-  return text;
-}
 
 /// In characters: bytes that begin one.
 size_t Width(const std::string& text) {
@@ -52,7 +42,7 @@ void PrintPart(const std::string& name, const Json& part) {
 
 /// The job with "at": how far it is, if it runs.
 Json WithPlace(Json job) {
-  if (!job.contains("progress") || job["state"] != "running") return job;
+  if (!job.contains("progress")) return job;
   const Json& progress = job["progress"];
   job["at"] =
       FieldText(progress, "stage") + " " + progress["done"].dump() + "/" + progress["total"].dump();
@@ -189,6 +179,8 @@ void PrintCapture(const Json& capture) {
                                {"registered", "registered"},
                                {"of", "of"},
                                {"rms px", "rms_px"},
+                               {"preset", "preset"},
+                               {"prior", "prior"},
                                {"verdict", "verdict"},
                                {"mean mm", "mean_position_mm"},
                                {"mean deg", "mean_rotation_deg"}});

@@ -10,13 +10,16 @@ CLI::App* AddCommand(CLI::App& app, CommonOptions& common, const std::string& na
                      const std::string& description, const std::string& example) {
   CLI::App* command = app.add_subcommand(name, description);
   command->add_flag("--json", common.json, "Print the result as JSON on standard output");
-  command->add_option("--threads", common.threads, "Threads to use; 0: all cores")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
   command->footer("Example:\n  " + example +
                   "\n\nExit status: 0 done, 1 the work failed (reason in one line), 2 wrong usage, "
                   "130 interrupted by Ctrl-C.");
   return command;
+}
+
+CLI::Option* AddThreads(CLI::App* command, CommonOptions& common) {
+  return command->add_option("--threads", common.threads, "Threads to use; 0: all cores")
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
 }
 
 void AddSeed(CLI::App* command, uint64_t& seed, const std::string& help) {
@@ -29,6 +32,16 @@ void AddSeed(CLI::App* command, uint64_t& seed, const std::string& help) {
       },
       "");
   command->add_option("--seed", seed, help)->check(whole)->capture_default_str();
+}
+
+std::vector<CLI::Option*> AddLensFlags(CLI::App* command, std::optional<bool>& refine) {
+  CLI::Option* fix = command->add_flag_callback(
+      "--fix-intrinsics", [&refine] { refine = false; },
+      "Keep intrinsics (default when they are calibrated)");
+  CLI::Option* anew = command->add_flag_callback(
+      "--refine-intrinsics", [&refine] { refine = true; },
+      "Refine focal length and distortion (default without a calibration)");
+  return {fix, anew->excludes(fix)};
 }
 
 namespace {

@@ -20,14 +20,9 @@ struct ReconstructArguments {
   fs::path frameset;
   fs::path out;
   std::optional<fs::path> calibration;
-  sfm::Method method = sfm::Method::kTcSfm;
-  sfm::Preset preset = sfm::Preset::kRig;
+  sfm::RunChoices choices;
   std::vector<std::string> settings;
-  sfm::PairSelection pairs = sfm::PairSelection::kExhaustive;
-  bool calibration_prior = false;
   std::string front_camera;
-  bool fix_intrinsics = false;
-  bool refine_intrinsics = false;
   std::optional<fs::path> database;
   std::optional<fs::path> stages;
   std::optional<std::string> start_from;
@@ -35,23 +30,17 @@ struct ReconstructArguments {
 };
 
 Result<sfm::PipelineOptions> MakeOptions(const ReconstructArguments& arguments) {
-  sfm::PipelineOptions options;
-  options.method = arguments.method;
-  if (options.method == sfm::Method::kPlain && arguments.preset != sfm::Preset::kRig) {
-    return Error{ErrorCode::kInvalidArgument, "presets are of --method tc-sfm, not of plain",
-                 "--preset"};
+  if (const Status valid = arguments.choices.Validate(); !valid.ok()) {
+    const Error& error = valid.error();
+    return Error{error.code, error.message, "--" + error.context};
   }
-  sfm::ApplyPreset(arguments.preset, options);
+  sfm::PipelineOptions options = sfm::OptionsOf(arguments.choices);
   for (const std::string& setting : arguments.settings) {
     const size_t equals = std::min(setting.find('='), setting.size());
     const std::string value = setting.substr(std::min(equals + 1, setting.size()));
     ROTUNDA_RETURN_IF_ERROR(sfm::SetOption(setting.substr(0, equals), value, options));
   }
-  options.pairs = arguments.pairs;
-  options.calibration_prior = arguments.calibration_prior;
   options.front_camera = arguments.front_camera;
-  if (arguments.fix_intrinsics) options.refine_intrinsics = false;
-  if (arguments.refine_intrinsics) options.refine_intrinsics = true;
   options.database = arguments.database;
   options.stages_folder = arguments.stages;
   if (arguments.start_from) {
@@ -212,46 +201,38 @@ void AddFiles(CLI::App* command, ReconstructArguments& arguments) {
 }
 
 void AddMethodOptions(CLI::App* command, ReconstructArguments& arguments) {
-  AddChoice<sfm::Method>(
-      command, "--method", arguments.method,
+  sfm::RunChoices& choices = arguments.choices;
+  AddChoice(
+      command, "--method", choices.method,
       "tc-sfm (default): tells look-alike sides of the subject apart and says how sure it is; "
       "plain: incremental SfM as it is",
-      {{"tc-sfm", sfm::Method::kTcSfm}, {"plain", sfm::Method::kPlain}});
-  AddChoice<sfm::Preset>(
-      command, "--preset", arguments.preset,
-      "rig (default): the cameras surround the subject, and a result in which they "
-      "do not is unsure; internet: they may stand anywhere; literal: tc-sfm as "
-      "it was published, to compare with",
-      {{"rig", sfm::Preset::kRig},
-       {"internet", sfm::Preset::kInternet},
-       {"literal", sfm::Preset::kLiteral}});
+      sfm::MethodsByName());
+  AddChoice(command, "--preset", choices.preset,
+            "rig (default): the cameras surround the subject, and a result in which they "
+            "do not is unsure; internet: they may stand anywhere; literal: tc-sfm as "
+            "it was published, to compare with",
+            sfm::PresetsByName());
   command
       ->add_option("--set", arguments.settings,
                    "One option of the method by its name, for comparisons; a wrong name lists them")
       ->type_name("NAME=VALUE");
-  AddChoice<sfm::PairSelection>(
-      command, "--pairs", arguments.pairs,
+  AddChoice(
+      command, "--pairs", choices.pairs,
       "Pairs to match: exhaustive (default), or neighbours = those whose calibrated views overlap "
       "(faster, blind to swapped cameras)",
-      {{"exhaustive", sfm::PairSelection::kExhaustive},
-       {"neighbours", sfm::PairSelection::kNeighbours}});
-  AddChoice<bool>(
-      command, "--prior", arguments.calibration_prior,
+      sfm::PairSelectionsByName());
+  AddChoice(
+      command, "--prior", choices.calibration_prior,
       "calibration: calibrated poses help to tell look-alike sides apart, where the pictures show "
       "nothing that does; the poses then no longer show by themselves that the rig is as "
       "calibrated. Default: none, only lenses are taken from the calibration",
-      {{"none", false}, {"calibration", true}});
+      sfm::PriorsByName());
   command
       ->add_option("--front", arguments.front_camera,
                    "Without a calibration: the camera in the middle of the front; the others then "
                    "have their sides (front, left, back, right) by it")
       ->type_name("CAMERA");
-  CLI::Option* fix = command->add_flag("--fix-intrinsics", arguments.fix_intrinsics,
-                                       "Keep intrinsics (default when they are calibrated)");
-  command
-      ->add_flag("--refine-intrinsics", arguments.refine_intrinsics,
-                 "Refine focal length and distortion (default without a calibration)")
-      ->excludes(fix);
+  AddLensFlags(command, choices.refine_intrinsics);
 }
 
 /// Where products in between come from and go to.
@@ -284,11 +265,12 @@ void AddReconstruct(CLI::App& app, CommonOptions& common, Action& chosen) {
       "Writes poses.json, sparse/0 (COLMAP binary model), points.ply and report.html into DIR. "
       "Done "
       "(exit status 0) also means that some cameras may be missing: see 'registered'.",
-      "rotunda reconstruct captures/0042 --out captures/0042-poses");
+      "rotunda reconstruct person1 --out person1-poses");
   AddFiles(command, *arguments);
   AddMethodOptions(command, *arguments);
   AddStageOptions(command, *arguments);
   AddSeed(command, arguments->seed, "Seed of all random sampling");
+  AddThreads(command, common);
   command->callback([arguments, &common, &chosen] {
     chosen = [arguments, &common] {
       const Status status = Reconstruct(*arguments, common);

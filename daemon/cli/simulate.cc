@@ -195,6 +195,7 @@ void AddSimulate(CLI::App& app, CommonOptions& common, Action& chosen) {
   AddBodyOptions(command, arguments->options);
   AddCameraOptions(command, *arguments);
   AddServeOptions(command, arguments->serve);
+  AddThreads(command, common)->excludes("--send");
   command->callback([arguments, out, &common, &chosen] {
     const int tasks = static_cast<int>(out->count() > 0) +
                       static_cast<int>(arguments->serve.serve) +

@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -16,8 +17,10 @@
 #include <vector>
 
 #include "config/daemon_config.h"
+#include "daemon/api_json.h"
 #include "daemon/model_export.h"
 #include "daemon/openapi.h"
+#include "daemon/reconstruction_request.h"
 #include "daemon/retention.h"
 #include "daemon/store_calibrations.h"
 #include "daemon/store_captures.h"
@@ -26,7 +29,9 @@
 #include "rig/lens_models.h"
 #include "sfm/colmap_io.h"
 #include "sfm/core/frame_set.h"
+#include "sfm/core/name_list.h"
 #include "sfm/core/pose_set.h"
+#include "sfm/run_choices.h"
 #include "tests/support/daemon_state.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/process.h"
@@ -299,6 +304,24 @@ TEST_F(Api, TheDocumentNamesEveryLensModel) {
   EXPECT_EQ(request["properties"]["model"]["enum"].get<std::set<std::string>>(), known);
 }
 
+TEST_F(Api, TheDocumentNamesWhatMayBeChosenOfAReconstruction) {
+  const Json schemas = Document()["components"]["schemas"];
+  const Json& fields = schemas["ReconstructionRequest"]["properties"];
+  const auto check = [&](const Json& choice, const auto& by_name) {
+    EXPECT_EQ(choice["enum"].get<std::vector<std::string>>(), NamesIn(by_name)) << choice;
+  };
+  check(fields["method"], sfm::MethodsByName());
+  check(fields["pairs"], sfm::PairSelectionsByName());
+  check(schemas["Preset"], RequestPresets());
+  check(schemas["Prior"], sfm::PriorsByName());
+  check(schemas["Reconstruction"]["properties"]["prior"], sfm::PriorsByName());
+  for (const char* request : {"ReconstructionRequest", "CaptureRequest"}) {
+    const Json& of_request = schemas[request]["properties"];
+    EXPECT_EQ(of_request["preset"]["$ref"], "#/components/schemas/Preset") << request;
+    EXPECT_EQ(of_request["prior"]["$ref"], "#/components/schemas/Prior") << request;
+  }
+}
+
 /// A simulated camera that Fill() knows.
 test::SimulatedRig::Options OneCamera() {
   test::SimulatedRig::Options options;
@@ -378,6 +401,29 @@ TEST_F(Api, StatusTellsOfCapturesThatAreNotSureAndOfCamerasWithoutAPose) {
   EXPECT_EQ(Problems().find("has no pose"), std::string::npos) << Problems();
 }
 
+TEST_F(Api, AResultWithAPriorSaysSoAndNothingOfWhetherPicturesAreSure) {
+  Fill();
+  const auto add = [&](const std::string& id, const char* verdict, const char* prior) {
+    PoseSet poses = MovedPoses(id);
+    poses.options = {{"preset", "internet"}, {"prior", prior}};
+    poses.summary.verdict = verdict;
+    poses.summary.verdict_reason = "a reason";
+    AddCapture("2026-01-01T11:0" + id.substr(1) + ":00Z", poses);
+  };
+  add("p1", "unsure", "none");
+  add("p2", "unsure", "calibration");
+  EXPECT_EQ(Problems().find("not sure"), std::string::npos) << Problems();
+  add("p3", "sure", "calibration");
+  add("p4", "unsure", "none");
+  EXPECT_NE(Problems().find("the newest 2 are not sure; p4 is unsure"), std::string::npos)
+      << Problems();
+  const Json made = Checked(Get("/v1/reconstructions/p3-r1"), "Reconstruction");
+  EXPECT_EQ(made["preset"], "internet");
+  EXPECT_EQ(made["prior"], "calibration");
+  EXPECT_EQ(made["used_for_drift"], false);
+  EXPECT_EQ(Checked(Get("/v1/captures/p3"), "CaptureDetail")["reconstruction"], "p3-r1");
+}
+
 TEST_F(Api, StatusTellsOfJobsThatCannotBeBegun) {
   const Status done = state_.store().Write([](Database& database, auto&) {
     return database.Execute(
@@ -387,6 +433,31 @@ TEST_F(Api, StatusTellsOfJobsThatCannotBeBegun) {
   ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
   while (!jobs_->Trouble()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
   EXPECT_NE(Problems().find("jobs are not begun (capture): "), std::string::npos) << Problems();
+}
+
+TEST_F(Api, StatusTellsWhatARunningJobIsNotCancelledFor) {
+  std::atomic<bool> over = false;
+  JobHandler waits = HandlerThatTakesAll();
+  waits.run = [&over](const JobRecord&, JobContext& context) -> Result<std::string> {
+    context.refuse_cancel("shot x: is taken and waits for the disk (no room): make room there");
+    while (!over) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    return std::string("{}");
+  };
+  jobs_ = std::make_unique<JobQueue>(
+      state_.store(), JobHandlers{waits, HandlerThatTakesAll(), HandlerThatTakesAll()},
+      JobQueue::Options());
+  ServeCamerasOf(station_);
+  const char* said = "shot x: is taken and waits for the disk (no room)";
+  EXPECT_EQ(Problems().find(said), std::string::npos) << Problems();
+  const Json job = Json::parse(Call("POST", "/v1/captures").body);
+  while (jobs_->CancelRefusals().empty()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_NE(Problems().find(said), std::string::npos) << Problems();
+  over = true;
+  while (Json::parse(Get("/v1/jobs/" + job["id"].dump()).body)["state"] != "done") {
+  }
+  while (!jobs_->CancelRefusals().empty())
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_EQ(Problems().find(said), std::string::npos) << Problems();
 }
 
 TEST_F(Api, StatusNamesACalibrationInForceThatCannotBeRead) {
@@ -584,8 +655,14 @@ TEST_F(Api, JobsAreQueuedOnceForAKey) {
   EXPECT_EQ(Json::parse(post("{\"subject\":\"x\"}", "k1").body)["id"], job["id"]);
   EXPECT_EQ(post("{\"subject\":\"y\"}", "k1").status, 409);
   EXPECT_NE(Json::parse(post("{\"subject\":\"x\"}", "k2").body)["id"], job["id"]);
-  EXPECT_EQ(post("{}", std::string(201, 'k')).status, 400);
-  EXPECT_EQ(post("{}", "a b").status, 400);
+  EXPECT_EQ(post("{}", std::string(200, 'k')).status, 202);
+  for (const std::string& wrong : {std::string(201, 'k'), std::string("a b"), std::string()}) {
+    const HttpResponse refused = post("{}", wrong);
+    EXPECT_EQ(refused.status, 400) << wrong;
+    EXPECT_NE(refused.body.find("Idempotency-Key: is '" + wrong + "', expected 1 to 200 "),
+              std::string::npos)
+        << refused.body;
+  }
 }
 
 TEST_F(Api, WhatCannotBecomeAJobSaysWhy) {
@@ -866,6 +943,22 @@ TEST_F(Api, EventStreamsBeginWhereTheClientSays) {
   for (const char* wrong : {"-1", "x", "1e3", "99999999999999999999"}) {
     EXPECT_EQ(Get(std::string("/v1/events?after=") + wrong).status, 400) << wrong;
   }
+}
+
+TEST_F(Api, OnlyAJobThatRunsHasProgress) {
+  JobRecord job;
+  job.body = "{}";
+  job.stage = "matches";
+  job.done = 3;
+  job.total = 10;
+  for (const JobState state : {JobState::kQueued, JobState::kRunning, JobState::kDone,
+                               JobState::kFailed, JobState::kCancelled, JobState::kInterrupted}) {
+    job.state = state;
+    EXPECT_EQ(ToJson(job).contains("progress"), state == JobState::kRunning) << JobStateName(state);
+  }
+  const std::string said =
+      Document()["components"]["schemas"]["Progress"]["description"].get<std::string>();
+  EXPECT_EQ(said, "Of a job that runs");
 }
 
 TEST_F(Api, JobsThatHaveEndedCannotBeCancelled) {

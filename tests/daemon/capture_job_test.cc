@@ -263,8 +263,45 @@ TEST_F(CaptureJobTest, RefusesRequestsThatItDoesNotUnderstand) {
     ASSERT_FALSE(job.ok()) << body;
     EXPECT_EQ(job.error().code, ErrorCode::kInvalidArgument) << body;
   }
-  const std::string long_name(201, 'a');
-  EXPECT_FALSE(queue_->Submit(JobKind::kCapture, "{\"subject\":\"" + long_name + "\"}", "").ok());
+}
+
+TEST_F(CaptureJobTest, ASubjectIsPlainText) {
+  const std::string expected =
+      "request: subject: expected at most 200 bytes of UTF-8 without control characters, found ";
+  const std::map<std::string, std::string> refused = {
+      {std::string(201, 'a'), "201 bytes"},
+      {"Anna\\nBerta", "the control character U+000A at byte 4"},
+      {"\\u0000", "the control character U+0000 at byte 0"},
+      {"\x7F", "the control character U+007F at byte 0"},
+      {"\\u001b[31m", "the control character U+001B at byte 0"},
+      {"\u009B31m", "the control character U+009B at byte 0"}};
+  for (const auto& [subject, found] : refused) {
+    const auto job = queue_->Submit(JobKind::kCapture, "{\"subject\":\"" + subject + "\"}", "");
+    ASSERT_FALSE(job.ok()) << subject;
+    EXPECT_EQ(job.error().code, ErrorCode::kInvalidArgument);
+    EXPECT_EQ(job.error().ToString(), expected + found);
+  }
+}
+
+TEST_F(CaptureJobTest, PresetAndPriorAreThoseOfItsReconstruction) {
+  const std::string both = R"({"preset":"internet","prior":"calibration"})";
+  const auto refused = queue_->Submit(JobKind::kCapture, both, "");
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().ToString(), "prior: needs a calibration, and none is in force");
+  for (const char* key : {"preset\":\"internet", "prior\":\"none"}) {
+    const std::string body = std::string(R"({"reconstruct":false,")") + key + "\"}";
+    const auto useless = queue_->Submit(JobKind::kCapture, body, "");
+    ASSERT_FALSE(useless.ok()) << body;
+    EXPECT_EQ(useless.error().message, "has no effect on a capture that is not reconstructed");
+  }
+  EXPECT_FALSE(queue_->Submit(JobKind::kCapture, R"({"preset":"literal"})", "").ok());
+  PutCalibrationInForce();
+  const JobRecord job = Capture(both);
+  ASSERT_EQ(job.state, JobState::kDone) << job.error;
+  sfm::RunChoices choices;
+  choices.preset = sfm::Preset::kInternet;
+  choices.calibration_prior = true;
+  EXPECT_EQ(ListJobs(store(), {})->items[0].body, ReconstructionBody(job.product, choices));
 }
 
 TEST_F(CaptureJobTest, ThatHadItsShotBeforeTheDaemonDiedDoesNotTakeAnother) {
@@ -349,12 +386,32 @@ TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsNotCancelled) {
   EXPECT_EQ(CountEvents("capture_waits"), 1u) << "not for each attempt";
 }
 
+TEST_F(CaptureJobTest, AShotThatOnlyTheDatabaseRefusesIsToldOfTillItIsTaken) {
+  const auto write = [&](const char* sql) {
+    const Status done =
+        store().Write([&](Database& database, auto&) { return database.Execute(sql); });
+    ASSERT_TRUE(done.ok()) << done.error().ToString();
+  };
+  write("CREATE TRIGGER full BEFORE INSERT ON captures BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  const int64_t job = RefusedShot();
+  const auto refusals = queue_->CancelRefusals();
+  ASSERT_EQ(refusals.size(), 1u);
+  const std::string shot = FindJob(store(), job)->product;
+  EXPECT_EQ(refusals[0].find("shot " + shot + ": is taken and waits for the disk (database: "), 0u)
+      << refusals[0];
+  EXPECT_NE(refusals[0].find("no room"), std::string::npos) << refusals[0];
+  write("DROP TRIGGER full");
+  EXPECT_EQ(Wait(job).state, JobState::kDone);
+}
+
 TEST_F(CaptureJobTest, CancelledBeforeTheDiskRefusesItIsNotGivenUpEither) {
   disk_hangs = true;
   hanging = 0;
   const auto job = queue_->Submit(JobKind::kCapture, "{}", "");
   while (hanging == 0) std::this_thread::sleep_for(2ms);
-  ASSERT_TRUE(queue_->Cancel(job->number).ok()) << "nothing is known to be the matter";
+  const auto cancelled = queue_->Cancel(job->number);
+  ASSERT_TRUE(cancelled.ok()) << "nothing is known to be the matter";
+  EXPECT_TRUE(cancelled->cancel_requested);
   LetTheDiskRefuse();
   disk_hangs = false;
   while (CountEvents("capture_waits") == 0) std::this_thread::sleep_for(2ms);

@@ -48,15 +48,79 @@ TEST(ReconstructionJob, TheBodyIsFilledInAndChecked) {
         "{\"capture\": \"x\", \"pairs\": \"\"}", "{\"capture\": \"x\", \"threads\": 5}"}) {
     EXPECT_EQ(handler.check(body).error().code, ErrorCode::kInvalidArgument) << body;
   }
-  EXPECT_EQ(handler.check("{\"capture\": \"x\", \"threads\": 5}").error().ToString(),
-            "request: threads: is not known, expected only: capture, calibration, method, pairs, "
-            "refine_intrinsics");
+  EXPECT_EQ(
+      handler.check("{\"capture\": \"x\", \"threads\": 5}").error().ToString(),
+      "request: threads: is not known, expected only: calibration, method, preset, pairs, prior, "
+      "refine_intrinsics")
+      << "the capture is in the path";
   EXPECT_NE(handler.check("{\"capture\": \"x\", \"method\": \"magic\"}")
                 .error()
                 .ToString()
-                .find("method: expected \"tc-sfm\" or \"plain\""),
+                .find("method: expected one of \"plain\", \"tc-sfm\""),
             std::string::npos)
       << handler.check("{\"capture\": \"x\", \"method\": \"magic\"}").error().ToString();
+}
+
+TEST(ReconstructionJob, APresetAndAPriorAreThoseOfTheCommand) {
+  DaemonState state;
+  AddNoise(state.store(), "x");
+  const JobHandler handler = MakeReconstructionHandler(state.store(), 1);
+  const std::string usual = ReconstructionBody("x");
+  EXPECT_NE(usual.find("\"preset\":\"rig\""), std::string::npos) << usual;
+  EXPECT_NE(usual.find("\"prior\":\"none\""), std::string::npos) << usual;
+  sfm::RunChoices choices;
+  choices.preset = sfm::Preset::kInternet;
+  choices.calibration_prior = true;
+  const std::string body = ReconstructionBody("x", choices);
+  EXPECT_EQ(handler.check(R"({"capture":"x","prior":"calibration","preset":"internet"})").value(),
+            body);
+  const auto parsed = ParseReconstructionRequest(body);
+  ASSERT_TRUE(parsed.ok()) << parsed.error().ToString();
+  EXPECT_EQ(parsed->choices.preset, sfm::Preset::kInternet);
+  EXPECT_TRUE(parsed->choices.calibration_prior);
+  const std::vector<std::pair<const char*, const char*>> refused = {
+      {R"({"capture":"x","preset":"literal"})",
+       "request: preset: expected one of \"internet\", \"rig\", found \"literal\""},
+      {R"({"capture":"x","prior":true})", "request: prior: expected a string, found true"},
+      {R"({"capture":"x","prior":"poses"})",
+       "request: prior: expected one of \"calibration\", \"none\", found \"poses\""},
+      {R"({"capture":"x","method":"plain","preset":"internet"})",
+       "request: preset: has no effect on plain, only on tc-sfm"},
+      {R"({"capture":"x","method":"plain","prior":"calibration"})",
+       "request: prior: has no effect on plain, only on tc-sfm"}};
+  for (const auto& [request, why] : refused) {
+    const auto checked = handler.check(request);
+    ASSERT_FALSE(checked.ok()) << request;
+    EXPECT_EQ(checked.error().code, ErrorCode::kInvalidArgument);
+    EXPECT_EQ(checked.error().ToString(), why);
+  }
+}
+
+TEST(ReconstructionJob, APriorNeedsTheCalibrationOfTheCaptureOrOneThatIsNamed) {
+  DaemonState state;
+  Store& store = state.store();
+  Calibration calibration;
+  calibration.created_at = "2026-01-01T00:00:00Z";
+  test::WriteCalibrationFolder(store.CalibrationFolder("k"), calibration);
+  ASSERT_TRUE(RecordCalibration(store, "k").ok());
+  AddNoise(store, "without");
+  test::WriteSmallFrameSet(store.CaptureFolder("with"), 3, "NOISE");
+  fs::copy_file(store.CalibrationFolder("k") / "calibration.json",
+                store.CaptureFolder("with") / "calibration.json");
+  ASSERT_TRUE(RecordCapture(store, "with", std::nullopt).ok());
+  const JobHandler handler = MakeReconstructionHandler(store, 1);
+  const Status refused = handler.refers(R"({"capture":"without","prior":"calibration"})");
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(refused.error().ToString(),
+            "prior: needs a calibration, and none was in force at capture \"without\": name one as "
+            "\"calibration\"");
+  for (const char* fine :
+       {R"({"capture":"without","prior":"calibration","calibration":"k"})",
+        R"({"capture":"with","prior":"calibration"})", R"({"capture":"without"})"}) {
+    const Status refers = handler.refers(fine);
+    EXPECT_TRUE(refers.ok()) << fine << refers.error().ToString();
+  }
 }
 
 TEST(ReconstructionJob, ThePageBesideACalibrationIsTakenAlong) {

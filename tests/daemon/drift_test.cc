@@ -273,6 +273,34 @@ TEST_F(DriftTest, FoldedAndUnsureResultsAreMarkedAndNeverUsed) {
   EXPECT_TRUE(EventsOf("camera_moved").empty());
 }
 
+/// The calibration has helped to place the cameras: to compare them with it would be circular.
+TEST_F(DriftTest, PosesThatHadTheCalibrationAsPriorSayNothingOfDrift) {
+  const Shake moved{"c01r0", {0, 0.02, 0}, 3, 0, "c04r2"};
+  for (int number = 1; number <= 3; ++number) {
+    PoseSet poses = PosesOf(calibration_, Name(number), moved);
+    poses.summary.verdict = "sure";
+    poses.summary.verdict_of_pictures.clear();
+    poses.options["prior"] = "calibration";
+    Capture(number);
+    const auto record = Record(number, poses);
+    EXPECT_FALSE(record.used_for_drift);
+    EXPECT_EQ(record.prior, "calibration");
+    EXPECT_EQ(record.verdict, "sure");
+  }
+  EXPECT_TRUE(DriftNow(store())->empty());
+  EXPECT_TRUE(UnregisteredCameras().empty());
+  EXPECT_TRUE(EventsOf("camera_moved").empty());
+
+  // What a capture's own pictures said of it stays.
+  Record(1, PosesOf(calibration_, "x1", moved), "-r2");
+  PoseSet again = PosesOf(calibration_, "x1", {});
+  again.options["prior"] = "calibration";
+  Record(1, again, "-r3");
+  const auto drift = DriftHistory(store(), "c01r0", {50, ""});
+  ASSERT_EQ(drift->items.size(), 1u);
+  EXPECT_EQ(drift->items[0].reconstruction, "x1-r2");
+}
+
 TEST_F(DriftTest, ACameraThatWasKnockedFarIsNamedAndTheOthersStayWatched) {
   const Shake moved{"c02r1", {0.4, 0.5, 0}, 3}, turned{"c07r0", {0, 0, 0}, 4, 15.0};
   int number = 0;
@@ -389,6 +417,32 @@ TEST_F(DriftTest, ALaterResultThatIsNotSureDoesNotHideOneThatIs) {
   EXPECT_EQ(capture->reconstruction, "x1-r2");
   EXPECT_EQ(capture->verdict, "sure");
   EXPECT_EQ(ListCaptures(store(), {})->items[0].reconstruction, "x1-r2");
+}
+
+TEST_F(DriftTest, AResultWithAPriorSpeaksOnlyWhereThePicturesAloneAreNotSure) {
+  Capture(1);
+  PoseSet alone = PosesOf(calibration_, "x1", {});
+  alone.options["preset"] = "internet";
+  PoseSet prior = alone;
+  prior.options["prior"] = "calibration";
+  const auto speaker = [&] { return FindCapture(store(), "x1")->reconstruction; };
+  const auto speaker_without_prior = [&] {
+    return ListCaptures(store(), {}, Speakers::kWithoutPrior)->items[0].reconstruction;
+  };
+  Record(1, prior, "-r1");
+  EXPECT_EQ(speaker(), "x1-r1");
+  EXPECT_EQ(speaker_without_prior(), std::nullopt);
+  alone.summary.verdict = alone.summary.verdict_of_pictures = "unsure";
+  Record(1, alone, "-r2");
+  EXPECT_EQ(speaker(), "x1-r1") << "sure with a prior, or not sure";
+  EXPECT_EQ(speaker_without_prior(), "x1-r2");
+  alone.summary.verdict = alone.summary.verdict_of_pictures = "sure";
+  const auto record = Record(1, alone, "-r3");
+  EXPECT_EQ(record.preset, "internet");
+  EXPECT_EQ(record.prior, "none");
+  Record(1, prior, "-r4");
+  EXPECT_EQ(speaker(), "x1-r3") << "sure without a prior";
+  EXPECT_EQ(ListCaptures(store(), {})->items[0].reconstruction, "x1-r3");
 }
 
 TEST(DriftLimitsTest, NeedBothSignificanceAndSize) {

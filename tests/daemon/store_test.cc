@@ -372,6 +372,10 @@ TEST(StoreSchema, ADatabaseOfTheFirstVersionGetsWhatCameLater) {
                               "VALUES ('now', '2026-01-01T00:00:00.000Z', 'charuco', 1, 1);"
                               "INSERT INTO captures (id, captured_at, ok_frames, frames) VALUES "
                               "('x', '2026-01-01T00:00:00.000Z', 0, 1);"
+                              "INSERT INTO reconstructions (id, capture, created_at, method, "
+                              "registered, of_cameras, rms_px, verdict, verdict_reason, folded, "
+                              "used_for_drift) VALUES ('x-r1', 'x', '2026-01-01T00:00:00.000Z', "
+                              "'tc-sfm', 0, 1, 0, 'sure', '', 0, 1);"
                               "INSERT INTO frames VALUES ('x', 'c0', 'S', '', 'missing', '', 8, 8);"
                               "INSERT INTO drift VALUES ('now', 'c0', '2026-01-01T00:00:00.000Z', "
                               "'x', 'x-r1', 0, 0, NULL, NULL, 0, NULL), ('now', 'c0', "
@@ -393,6 +397,11 @@ TEST(StoreSchema, ADatabaseOfTheFirstVersionGetsWhatCameLater) {
   EXPECT_EQ(frames->at(0).status, "missing");
   EXPECT_EQ(frames->at(0).reason, "");
   EXPECT_EQ(FindCalibration(**store, "now")->made_from, "");
+  const auto reconstruction = FindReconstruction(**store, "x-r1");
+  ASSERT_TRUE(reconstruction.ok()) << reconstruction.error().ToString();
+  EXPECT_EQ(reconstruction->preset, "rig");
+  EXPECT_EQ(reconstruction->prior, "none");
+  EXPECT_EQ(FindCapture(**store, "x")->reconstruction, "x-r1");
   const auto drift = DriftNow(**store);
   ASSERT_TRUE(drift.ok()) << drift.error().ToString();
   ASSERT_EQ(drift->size(), 1u);

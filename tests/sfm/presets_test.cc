@@ -56,6 +56,36 @@ TEST(Presets, LiteralIsThePapersReading) {
   EXPECT_FALSE(literal.merging.mean_cost);
 }
 
+TEST(RunChoices, AreTheOptionsOfARun) {
+  EXPECT_EQ(OptionsOf({}).method, PipelineOptions().method);
+  EXPECT_EQ(OptionsOf({}).preset, PipelineOptions().preset);
+  EXPECT_FALSE(OptionsOf({}).refine_intrinsics.has_value());
+  const PipelineOptions options =
+      OptionsOf({Method::kTcSfm, Preset::kInternet, PairSelection::kNeighbours, true, false});
+  EXPECT_EQ(options.preset, "internet");
+  EXPECT_FALSE(options.tc_sfm.max_gap_deg.has_value());
+  EXPECT_EQ(options.pairs, PairSelection::kNeighbours);
+  EXPECT_TRUE(options.calibration_prior);
+  EXPECT_EQ(options.refine_intrinsics, false);
+  EXPECT_EQ(OptionsOf({Method::kPlain}).method, Method::kPlain);
+}
+
+TEST(RunChoices, ThatHaveNoEffectOnTheMethodAreNamed) {
+  const auto refused = [](const RunChoices& choices) {
+    const Status status = choices.Validate();
+    return status.ok() ? "" : status.error().ToString();
+  };
+  EXPECT_EQ(refused({}), "");
+  EXPECT_EQ(refused({Method::kTcSfm, Preset::kInternet, PairSelection::kExhaustive, true}), "");
+  EXPECT_EQ(refused({Method::kPlain}), "");
+  EXPECT_EQ(refused({Method::kPlain, Preset::kInternet}),
+            "preset: has no effect on plain, only on tc-sfm");
+  EXPECT_EQ(refused({Method::kPlain, Preset::kRig, PairSelection::kExhaustive, true}),
+            "prior: has no effect on plain, only on tc-sfm");
+  EXPECT_EQ(refused({Method::kTcSfm, Preset::kLiteral, PairSelection::kExhaustive, true}),
+            "prior: has no effect on tc-sfm literal, only on tc-sfm");
+}
+
 TEST(SetOption, IsToldWithTheResult) {
   PipelineOptions options;
   ApplyPreset(Preset::kInternet, options);

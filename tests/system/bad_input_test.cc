@@ -406,6 +406,40 @@ TEST(WrongUsage, NamesTheWordThatIsNotKnown) {
   }
 }
 
+TEST(WrongUsage, ThreadsAreOfCommandsThatCompute) {
+  for (const char* command : {"evaluate", "compare", "export", "cameras", "status", "jobs",
+                              "captures", "calibrations", "drift", "events"}) {
+    SCOPED_TRACE(command);
+    ExpectOneError(RunProcess({ROTUNDA_COMMAND, command, "--threads", "2"}), 2,
+                   {"'--threads' is not known"});
+  }
+  ExpectOneError(RunProcess({ROTUNDA_COMMAND, "capture", "--threads", "2"}), 2, {"--rig"});
+  for (const char* command : {"simulate", "calibrate", "reconstruct", "capture"}) {
+    EXPECT_NE(RunProcess({ROTUNDA_COMMAND, command, "--help"}).output.find("--threads"),
+              std::string::npos)
+        << command;
+  }
+}
+
+TEST(WrongUsage, ASubjectIsPlainText) {
+  const std::string expected =
+      "--subject: expected at most 200 bytes of UTF-8 without control "
+      "characters, found ";
+  const std::vector<std::pair<std::string, std::string>> rows = {
+      {"Anna\nBerta", "the control character U+000A at byte 4"},
+      {"caf\xE9", "bytes that are not UTF-8"},
+      {std::string(201, 'a'), "201 bytes"}};
+  for (const auto& [subject, found] : rows) {
+    for (const std::vector<std::string>& where :
+         {std::vector<std::string>{"--socket", "none"},
+          std::vector<std::string>{"--rig", "none", "--out", "none"}}) {
+      std::vector<std::string> arguments = {ROTUNDA_COMMAND, "capture", "--subject", subject};
+      arguments.insert(arguments.end(), where.begin(), where.end());
+      ExpectOneError(RunProcess(arguments), 2, {expected + found});
+    }
+  }
+}
+
 TEST(Help, EveryCommandShowsAnExample) {
   for (const std::string command :
        {"simulate", "calibrate", "reconstruct", "evaluate", "compare", "export"}) {

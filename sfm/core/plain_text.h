@@ -1,0 +1,16 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace rotunda {
+
+/// Why `text` is not UTF-8 without control characters (U+0000 to U+001F, U+007F to U+009F): "the
+/// control character U+000A at byte 3" (the first is 0), "bytes that are not UTF-8"; empty when it
+/// is. Other text does not go into lists, logs and terminals.
+std::string NotPlain(std::string_view text);
+
+/// `text` (UTF-8) with '?' for each control character.
+std::string Printable(std::string_view text);
+
+}  // namespace rotunda
