@@ -99,22 +99,32 @@ double EvidenceAgainst(const RegionCounts& at_alternatives, const RegionCounts& 
   return evidence;
 }
 
-/// Log-likelihood of seeing none of the regions that one image misses rather than all, <= 0.
-double Missed(const RegionCounts& regions, uint32_t MeetingCount::*met) {
-  double missed = 0;
+/// Log-likelihoods, of one image at one pose, of seeing nothing rather than what it should see.
+struct Seen {
+  double missed = 0;  // of the regions that it rather misses, <= 0
+  double all = 0;     // of all regions: what is met counts, too
+};
+
+Seen WhatIsSeen(const RegionCounts& regions, uint32_t MeetingCount::*met) {
+  Seen seen;
   for (const MeetingCount& count : regions) {
-    missed += std::min(
-        0.0, count.*met * std::log(kMetShare / kMetByChance) +
-                 (count.expected - count.*met) * std::log((1 - kMetShare) / (1 - kMetByChance)));
+    const double region =
+        count.*met * std::log(kMetShare / kMetByChance) +
+        (count.expected - count.*met) * std::log((1 - kMetShare) / (1 - kMetByChance));
+    seen.missed += std::min(0.0, region);
+    seen.all += region;
   }
-  return missed;
+  return seen;
 }
 
+/// Misses alone compare the two: what looks alike is met at both, and how much of it there is to be
+/// met differs from place to place.
 void Weigh(const RegionCounts& at_own, const RegionCounts& at_alternative, AlternativePose& pose) {
-  pose.evidence_against =
-      Missed(at_own, &MeetingCount::met) - Missed(at_alternative, &MeetingCount::met);
-  pose.evidence_for =
-      Missed(at_alternative, &MeetingCount::in_place) - Missed(at_own, &MeetingCount::in_place);
+  pose.evidence_against = WhatIsSeen(at_own, &MeetingCount::met).missed -
+                          WhatIsSeen(at_alternative, &MeetingCount::met).missed;
+  const Seen own = WhatIsSeen(at_own, &MeetingCount::in_place);
+  const Seen there = WhatIsSeen(at_alternative, &MeetingCount::in_place);
+  pose.evidence_for = std::min(there.missed - own.missed, there.all);
 }
 
 }  // namespace

@@ -20,9 +20,11 @@ struct AlternativePose {
   Rigid3 cam_from_model;
   double rotation_rad = 0;  // off the model's own pose
   /// Log-likelihoods (natural) by which what the image misses there exceeds what it misses where
-  /// the model has it, and the reverse. Each by the count that is the harder to satisfy: against it
-  /// speaks what the image meets nowhere in the picture, for it what it meets where the alternative
-  /// has it; a pose that merely looks at the same things from another place meets them elsewhere.
+  /// the model has it, and the reverse. Each by the count that is the harder to satisfy. Against it
+  /// speaks what the image meets nowhere in its picture. For it speaks what is met where the
+  /// alternative has it (a pose that merely looks at the same things from aside meets them
+  /// elsewhere), and no more than all that is met there (one that should meet nothing misses
+  /// nothing).
   double evidence_against = 0;
   double evidence_for = 0;
 };

@@ -12,6 +12,9 @@ namespace {
 /// square.
 constexpr double kParallel = 1e-3;
 
+/// Mean cosine of the angle between the axis and the pictures' upward direction.
+constexpr double kUpright = 0.5;
+
 struct Axes {
   std::vector<Eigen::Vector3d> centres;
   std::vector<Eigen::Vector3d> directions;
@@ -80,7 +83,8 @@ std::optional<CameraRing> FindCameraRing(const Reconstruction& model) {
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(moments);
   const Eigen::Vector3d axis = eigen.eigenvectors().col(0);
-  CameraRing ring{*centre, axis.dot(axes.up) < 0 ? -axis : axis, 0};
+  const double up = axis.dot(axes.up) / static_cast<double>(axes.centres.size());
+  CameraRing ring{*centre, up < 0 ? -axis : axis, std::abs(up) > kUpright, 0};
   ring.widest_gap_rad = WidestGap_rad(axes, ring);
   return ring;
 }

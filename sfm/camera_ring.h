@@ -13,6 +13,8 @@ struct CameraRing {
   /// Unit; the direction in which the cameras leave the centre least, to where the upper edges of
   /// most pictures are.
   Eigen::Vector3d axis;
+  /// Whether the upper edges tell which way along the axis is up: not of cameras on their side.
+  bool upright;
   double widest_gap_rad;  // around the axis, between one camera and the next; 2 pi: one camera
 };
 

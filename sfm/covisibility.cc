@@ -201,29 +201,31 @@ struct CovisibilityCounter::Impl {
     return {};
   }
 
-  /// Squared distance of the point's projection to the nearest keypoint by which the image meets
-  /// it, px^2; infinite where it does not.
-  double MetAt_px2(const Viewpoint& view, const SeenPoint& seen,
-                   const std::vector<size_t>& observers) const {
-    const auto pixel =
-        model.intrinsics.of(view.image).Project(view.cam_from_model * seen.point->position);
-    double nearest = std::numeric_limits<double>::infinity();
-    for (const size_t k : observers) {
-      for (const Observation& partner : partners.Of(seen.point->observations[k])) {
-        if (partner.image != view.image) continue;
-        const Keypoint& met = features.image(view.image).keypoints[partner.keypoint.index()];
-        nearest = std::min(nearest, (Eigen::Vector2d(met.x_px, met.y_px) - *pixel).squaredNorm());
-      }
-    }
-    return nearest;
+  /// Whether a match joins the image with an observer by a keypoint that `fits`.
+  template <typename Fits>
+  bool MetBy(const Viewpoint& view, const SeenPoint& seen, const std::vector<size_t>& observers,
+             const Fits& fits) const {
+    return std::any_of(observers.begin(), observers.end(), [&](size_t k) {
+      const auto& joined = partners.Of(seen.point->observations[k]);
+      return std::any_of(joined.begin(), joined.end(), [&](const Observation& partner) {
+        return partner.image == view.image && fits(partner.keypoint);
+      });
+    });
   }
 
   bool Met(const Viewpoint& view, const SeenPoint& seen,
            const std::vector<size_t>& observers) const {
-    return std::any_of(observers.begin(), observers.end(), [&](size_t k) {
-      const auto& joined = partners.Of(seen.point->observations[k]);
-      return std::any_of(joined.begin(), joined.end(),
-                         [&](const Observation& partner) { return partner.image == view.image; });
+    return MetBy(view, seen, observers, [](KeypointId) { return true; });
+  }
+
+  /// By a keypoint at most `max_error_px` from where the point projects to.
+  bool MetInPlace(const Viewpoint& view, const SeenPoint& seen,
+                  const std::vector<size_t>& observers, double max_error_px) const {
+    const auto pixel =
+        model.intrinsics.of(view.image).Project(view.cam_from_model * seen.point->position);
+    return MetBy(view, seen, observers, [&](KeypointId keypoint) {
+      const Keypoint& met = features.image(view.image).keypoints[keypoint.index()];
+      return (Eigen::Vector2d(met.x_px, met.y_px) - *pixel).norm() <= max_error_px;
     });
   }
 
@@ -286,9 +288,8 @@ std::vector<MeetingCount> CovisibilityCounter::CountAt(ImageId image, const Rigi
       const std::vector<size_t> observers = impl_->EnclosingObservers(view, seen);
       if (observers.empty()) continue;
       ++counts[r].expected;
-      const double met_at_px2 = impl_->MetAt_px2(view, seen, observers);
-      counts[r].met += std::isfinite(met_at_px2);
-      counts[r].in_place += met_at_px2 <= max_error_px * max_error_px;
+      counts[r].met += impl_->Met(view, seen, observers);
+      counts[r].in_place += impl_->MetInPlace(view, seen, observers, max_error_px);
     }
   }
   return counts;

@@ -257,7 +257,7 @@ Result<Segments> LabelSegments(const Run& run, const FrontEnd& front, const TcSf
 }
 
 /// The calibrated poses, when they are to be a prior.
-CalibratedPoses PriorOf(const Run& run) {
+CalibratedPoses PriorPosesOf(const Run& run) {
   CalibratedPoses poses;
   if (!run.options.calibration_prior) return poses;
   for (const Frame& frame : run.set.frames) {
@@ -277,7 +277,7 @@ Result<Built> BuildModels(const Run& run, const FrontEnd& front,
     return built;
   }
   const TcSfmInput input{front.features, front.intrinsics, front.two_views, front.view_graph,
-                         PriorOf(run)};
+                         PriorPosesOf(run)};
   if (run.options.method == Method::kLiteral) {
     ROTUNDA_ASSIGN_OR_RETURN(
         LiteralResult literal,
@@ -347,7 +347,7 @@ void NameSides(const Run& run, const Reconstruction& model, PoseSet& poses,
   const std::string& front = run.options.front_camera;
   if (AddSides(model, ImageId(FrameOf(run.set, front)), poses)) return;
   notes.push_back("no sides: camera " + front +
-                  " is not registered, or the cameras do not stand around the subject");
+                  " is not registered, or the cameras do not stand upright around the subject");
 }
 
 /// Nobody would miss them otherwise.
@@ -407,13 +407,13 @@ Status CheckFront(const Run& run) {
   if (run.calibration) {
     return Error{ErrorCode::kInvalidArgument,
                  "the calibration's rig frame already says where the front is; leave it out",
-                 "front"};
+                 "--front"};
   }
   if (FrameOf(run.set, front) == run.set.frames.size()) {
     return Error{ErrorCode::kInvalidArgument,
                  "\"" + front + "\" is no camera of the frame set; its first is " +
                      run.set.frames.front().camera,
-                 "front"};
+                 "--front"};
   }
   return {};
 }

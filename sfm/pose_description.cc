@@ -213,7 +213,7 @@ void AddEvidence(const TcSfmResult& result, PoseSet& poses) {
 
 bool AddSides(const Reconstruction& model, ImageId front, PoseSet& poses) {
   const std::optional<CameraRing> ring = FindCameraRing(model);
-  if (!ring || !model.Registered(front)) return false;
+  if (!ring || !ring->upright || !model.Registered(front)) return false;
   const std::vector<std::optional<double>> azimuths_rad = AzimuthsAround(*ring, model);
   for (size_t i = 0; i < poses.cameras.size(); ++i) {
     if (!azimuths_rad[i]) continue;

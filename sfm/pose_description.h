@@ -39,7 +39,7 @@ void AddEvidence(const TcSfmResult& result, PoseSet& poses);
 /// Sides of the cameras of a model without a calibration: `front` is in the middle of the front,
 /// the others follow by their azimuth around the subject, counter-clockwise seen from above (from
 /// where the cameras' pictures have their upper edge). False, and no side: `front` is not
-/// registered, or the cameras do not stand around anything.
+/// registered, or the cameras do not stand upright around anything.
 bool AddSides(const Reconstruction& model, ImageId front, PoseSet& poses);
 
 /// Segments with the cameras that are related to them and their look-alikes; the side of a segment

@@ -7,6 +7,7 @@
 #include "sfm/core/html_text.h"
 #include "sfm/core/name_list.h"
 #include "sfm/rig_alignment.h"
+#include "sfm/run_choices.h"
 
 namespace rotunda::sfm::report {
 namespace {
@@ -435,6 +436,12 @@ Verdict BuildRigVerdict(const ReportInput& input, const std::vector<CameraFacts>
   if (changed) {
     verdict = {Level::kBad, "Rig changed", ChangeHeadline(moved, swapped),
                ChangeDetails(poses, cameras)};
+  } else if (HadPrior(poses)) {
+    return {Level::kUnknown,
+            "Rig not checked",
+            "Not checked for moved cameras",
+            {"The calibration was a prior of these poses: they do not show that the rig is as it "
+             "says."}};
   }
   if (checked.size() < poses.cameras.size()) {
     if (verdict.level == Level::kGood) {

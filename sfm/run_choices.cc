@@ -64,4 +64,6 @@ std::string PriorOf(const PoseSet& poses) {
   return said == poses.options.end() ? NameIn(PriorsByName(), false) : said->second;
 }
 
+bool HadPrior(const PoseSet& poses) { return PriorOf(poses) != NameIn(PriorsByName(), false); }
+
 }  // namespace rotunda::sfm

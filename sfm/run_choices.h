@@ -48,5 +48,7 @@ inline constexpr char kPresetOption[] = "preset";
 inline constexpr char kPriorOption[] = "prior";
 /// The prior of a result by its name; "none" where it does not say.
 std::string PriorOf(const PoseSet& poses);
+/// Whether the poses had the calibration as prior: they are no evidence of where cameras stand.
+bool HadPrior(const PoseSet& poses);
 
 }  // namespace rotunda::sfm

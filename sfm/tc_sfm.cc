@@ -16,6 +16,9 @@ namespace {
 constexpr char kStage[] = "disambiguation";
 /// Log-likelihood that decides between two poses of one image: 20 to 1.
 constexpr double kDecidedForImage = 3.0;
+/// Of the largest gain so far: a draft whose split gains less is right but for a few images, which
+/// the last adjustment may put right; taken apart it would lose pairs that are.
+constexpr double kNearlyUnfolded = 0.05;
 
 /// What is known of the edges while drafts come and go.
 struct State {
@@ -25,7 +28,8 @@ struct State {
   std::vector<bool> refuted;  // parallel to the edges: by the groups of a draft or the prior
   std::vector<bool> placed;   // by ImageId: its side is known from the calibration
   int unfoldings = 0;         // how often a draft or a finished model was found to be folded
-  TcSfmResult result;
+  double largest_gain = 0;    // DraftGroups::gain of those
+  TcSfmResult result = {};
 };
 
 ViewGraph NotRefuted(const State& state) {
@@ -115,6 +119,7 @@ void Refute(State& state, const std::vector<Reconstruction>& models, const Draft
 void TakeApart(State& state, const std::vector<Reconstruction>& models, const DraftGroups& groups) {
   std::vector<double>& certainty = state.result.certainty;
   ++state.unfoldings;
+  state.largest_gain = std::max(state.largest_gain, groups.gain);
   for (size_t i = 0; i < groups.certainty.size(); ++i) {
     certainty[i] = std::min(certainty[i], groups.certainty[i]);
   }
@@ -154,7 +159,7 @@ Result<Draft> BuildDraft(State& state, const IncrementalOptions& incremental) {
     ROTUNDA_ASSIGN_OR_RETURN(
         const DraftGroups groups,
         GroupsOfDraft(state, draft.models, state.input.two_views, draft.graph));
-    if (groups.gain == 0) return draft;
+    if (groups.gain <= kNearlyUnfolded * state.largest_gain) return draft;
     TakeApart(state, draft.models, groups);
     last = std::move(draft);
   }
@@ -423,13 +428,8 @@ Status TcSfmOptions::Validate() const {
 Result<TcSfmResult> RunTcSfm(const TcSfmInput& input, const TcSfmOptions& options,
                              const IncrementalOptions& incremental, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
-  State state = {input,
-                 options,
-                 context,
-                 std::vector<bool>(input.view_graph.edges.size(), false),
-                 std::vector<bool>(input.features.images.size(), false),
-                 0,
-                 {}};
+  State state = {input, options, context, std::vector<bool>(input.view_graph.edges.size(), false),
+                 std::vector<bool>(input.features.images.size(), false)};
   state.result.certainty.assign(input.features.images.size(),
                                 std::numeric_limits<double>::infinity());
   ROTUNDA_RETURN_IF_ERROR(ApplyPrior(state));

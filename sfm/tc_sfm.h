@@ -31,7 +31,7 @@ struct TcSfmOptions {
   ConsistencyOptions consistency;
   CovisibilityOptions covisibility;
   MergeOptions merging;
-  int max_unfoldings = 3;
+  int max_unfoldings = 8;  // one captured body in plaid took six
   /// Log-likelihood that a split into groups must gain; by chance it stays below a few units.
   double min_gain = 20.0;
   /// Log-likelihood against everything that looks alike, below which the verdict is "unsure".
@@ -69,9 +69,10 @@ struct TcSfmResult {
   double evidence = 0;            // Alternatives::evidence_against; infinite without alternatives
   std::vector<double> certainty;  // by ImageId: of its group; infinite where no draft was folded
   std::vector<AlternativePose> alternatives;  // of the finished model, sorted by image
-  std::vector<ImageId> late;  // in no draft of the finished model: placed against its poses
+  std::vector<ImageId> late;  // not in the draft that became the model: placed against its poses
   /// Images that may be on the wrong side: their heaviest edge of all contradicts their pose and
-  /// what they fail to meet does not decide for it, or it decides for the alternative.
+  /// AlternativePose::evidence_against does not decide for it, or evidence_for decides for the
+  /// alternative.
   std::vector<ImageId> doubtful;
   /// Calibrated, but the pictures contradict it: TcSfmInput::calibrated was no prior for them.
   std::vector<ImageId> not_as_calibrated;

@@ -46,7 +46,7 @@ struct PoseEvidence {
   std::optional<double> certainty;
   std::optional<OtherPose> other_pose;  // absent: no match contradicts its pose
   bool doubtful = false;                // it may belong there
-  bool late = false;                    // in no draft: placed against the poses of the others
+  bool late = false;                    // placed after the others, against their poses
 };
 
 /// One camera of a reconstruction.

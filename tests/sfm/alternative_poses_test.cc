@@ -121,10 +121,64 @@ TEST(AlternativePoses, NothingSpeaksForOneThatSeesTheSameThingsInOtherPlaces) {
   ASSERT_GE(alternatives.poses.size(), 1u);
   const AlternativePose& pose = alternatives.poses.front();
   ASSERT_EQ(pose.image, ImageId(0));
-  const double turn_rad =
-      RotationAngle_rad(pose.cam_from_model.rotation, truth.cam_from_model[0]->rotation);
-  EXPECT_NEAR(DegFromRad(turn_rad), 15, 1);
+  EXPECT_NEAR(DegFromRad(pose.rotation_rad), 15, 1);
   EXPECT_LT(pose.evidence_for, -50);
+  EXPECT_GT(-pose.evidence_against, pose.evidence_for + 50)
+      << "met anywhere in the picture, the same things would speak for it";
+}
+
+/// Image 0 no longer matches what lies within `radius_m` of the first point that it sees.
+void MakeBlindTo(const test::SyntheticWorld& world, double radius_m, TwoViews& two_views) {
+  const std::vector<size_t>& seen = world.point_of_keypoint[0];
+  const Eigen::Vector3d centre = world.points[seen.front()];
+  for (TwoView& view : two_views.pairs) {
+    if (view.pair.first != ImageId(0)) continue;
+    std::erase_if(view.inliers, [&](const Match& match) {
+      return (world.points[seen[match.first.index()]] - centre).norm() < radius_m;
+    });
+  }
+}
+
+/// Takes images out of a model.
+void Unregister(const std::vector<ImageId>& images, Reconstruction& model) {
+  const auto gone = [&](ImageId image) {
+    return std::find(images.begin(), images.end(), image) != images.end();
+  };
+  for (const ImageId image : images) model.cam_from_model[image.index()].reset();
+  for (Point3& point : model.points) {
+    std::erase_if(point.observations, [&](const Observation& o) { return gone(o.image); });
+  }
+}
+
+TEST(AlternativePoses, NothingSpeaksForOneThatShouldMeetNothing) {
+  test::SyntheticOptions options;
+  options.columns = 20;
+  options.rows = 1;
+  options.points = 6000;
+  const test::SyntheticWorld world = test::MakeSyntheticWorld(options);
+  TwoViews two_views = world.two_views;
+  MakeBlindTo(world, 0.15, two_views);
+  // Image 0 would stand a quarter of the ring farther, where no camera is within 30 degrees.
+  Reconstruction model = TrueReconstruction(world);
+  Unregister({ImageId(3), ImageId(4), ImageId(5), ImageId(6), ImageId(7)}, model);
+  const auto turning =
+      std::find_if(two_views.pairs.begin(), two_views.pairs.end(), [](const TwoView& v) {
+        return v.pair == ImagePair{ImageId(0), ImageId(2)};
+      });
+  ASSERT_NE(turning, two_views.pairs.end());
+  TwoViews agreeing = two_views;
+  agreeing.pairs.erase(agreeing.pairs.begin() + (turning - two_views.pairs.begin()));
+  *turning = TurningMatches(world, ImageId(2), RadFromDeg(-90));
+  ThreadPool pool(2);
+  RunContext context{pool};
+  const Alternatives alternatives =
+      FindAlternatives(model, world.features, two_views, agreeing, {}, {}, context);
+  ASSERT_GE(alternatives.poses.size(), 1u);
+  const AlternativePose& pose = alternatives.poses.front();
+  ASSERT_EQ(pose.image, ImageId(0));
+  EXPECT_NEAR(DegFromRad(pose.rotation_rad), 90, 1);
+  EXPECT_LT(pose.evidence_against, -3) << "the image misses something, the alternative nothing";
+  EXPECT_LE(pose.evidence_for, 0);
 }
 
 TEST(AlternativePoses, EvidenceForOneOfAnImageOnTheWrongSide) {

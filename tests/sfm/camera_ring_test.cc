@@ -58,6 +58,15 @@ TEST(AzimuthsAround, GrowCounterClockwiseSeenFromAbove) {
   EXPECT_NEAR(from_first_rad(3), RadFromDeg(-120), 1e-9);
 }
 
+TEST(FindCameraRing, CamerasOnTheirSideDoNotTellWhichWayIsUp) {
+  Reconstruction model = Ring(Steps(7, 24, 15), 2, 1.7);
+  EXPECT_TRUE(FindCameraRing(model)->upright);
+  const Rigid3 rolled{Eigen::Quaterniond(Eigen::AngleAxisd(kPi / 2, Eigen::Vector3d::UnitZ())),
+                      Eigen::Vector3d::Zero()};
+  for (auto& cam_from_model : model.cam_from_model) cam_from_model = rolled * *cam_from_model;
+  EXPECT_FALSE(FindCameraRing(model)->upright);
+}
+
 TEST(FindCameraRing, HalfARingLeavesTheOtherHalf) {
   const auto ring = FindCameraRing(Ring(Steps(-84, 12, 15), 6, 1.7));
   ASSERT_TRUE(ring);

@@ -94,7 +94,7 @@ TEST(RunPipeline, TheFrontIsACameraOfASetWithoutCalibration) {
   RunContext context{threads};
   const auto refused = RunPipeline(WithoutPictures(), Calibration{}, options, context);
   ASSERT_FALSE(refused.ok());
-  EXPECT_EQ(refused.error().context, "front");
+  EXPECT_EQ(refused.error().context, "--front");
 }
 
 TEST(RunPipeline, TracksToStartFromAreThePlainMethods) {

@@ -417,6 +417,15 @@ TEST_F(ReportTest, SaysWhatACamerasPlaceRestsOnWhereItIsNotSure) {
   EXPECT_NE(facts.shot.details.back().find("c02, c03"), std::string::npos);
 }
 
+TEST_F(ReportTest, PosesThatHadTheCalibrationAsPriorShowNothingOfTheRig) {
+  poses_.options["prior"] = "calibration";
+  const report::Facts facts = report::BuildFacts(Input());
+  EXPECT_EQ(facts.rig.level, report::Level::kUnknown);
+  EXPECT_EQ(facts.rig.mark, "Rig not checked");
+  poses_.cameras[2].vs_calibration->moved = true;
+  EXPECT_EQ(report::BuildFacts(Input()).rig.mark, "Rig changed") << "a prior cannot hide that";
+}
+
 TEST_F(ReportTest, SaysThatTheCalibrationIsNotTheRigs) {
   for (const size_t i : {1, 3, 5}) poses_.cameras[i].vs_calibration->sigmas = 30;
   const report::Facts facts = report::BuildFacts(Input());
