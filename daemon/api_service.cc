@@ -165,12 +165,12 @@ Status LookAtFrames(Store& store, const CaptureRecord& capture, Overview& overvi
 
 /// Says so when the newest captures that were reconstructed are all not sure, as many as it takes
 /// to name a camera, or half of those looked at. Those that wait for their reconstruction say
-/// nothing yet, and a prior says nothing of the pictures.
+/// nothing yet, and those that do not speak of the rig say nothing of what is wrong with it.
 Status LookAtVerdicts(Store& store, Overview& overview) {
   const size_t captures_to_tell = std::min(store.options().drift.captures, kCapturesLookedAt / 2);
   ROTUNDA_ASSIGN_OR_RETURN(
       const auto newest,
-      ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}, Speakers::kWithoutPrior));
+      ListCaptures(store, {.limit = kCapturesLookedAt, .after = ""}, Speakers::kOfTheRig));
   std::vector<CaptureRecord> not_sure;
   for (const CaptureRecord& capture : newest.items) {
     if (!capture.reconstruction) continue;

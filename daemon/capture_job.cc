@@ -69,6 +69,7 @@ void ReadChoices(const JsonField& root, CaptureRequest& request) {
       ReadChoice(root[sfm::kPriorOption], sfm::PriorsByName(), choices.calibration_prior);
 }
 
+/// Also of a body that was stored before today's rules for subjects, and whose shot is to be kept.
 Result<CaptureRequest> ParseCaptureRequest(const std::string& body) {
   CaptureRequest request;
   const std::vector<std::string> keys = {"subject", "reconstruct", sfm::kPresetOption,
@@ -76,11 +77,7 @@ Result<CaptureRequest> ParseCaptureRequest(const std::string& body) {
   ROTUNDA_RETURN_IF_ERROR(ReadRequest(body, keys, [&](const JsonField& root) {
     if (root["reconstruct"].present()) request.reconstruct = root["reconstruct"].Bool();
     ReadChoices(root, request);
-    if (!root["subject"].present()) return;
-    request.subject = root["subject"].String();
-    if (const Status fine = CheckSubject(*request.subject); !fine.ok()) {
-      root["subject"].Fail(fine.error().message);
-    }
+    if (root["subject"].present()) request.subject = root["subject"].String();
   }));
   return request;
 }
@@ -104,9 +101,20 @@ Status CheckReferences(Store& store, const CaptureRequest& request) {
                sfm::kPriorOption};
 }
 
-std::optional<NewJob> FollowUp(const CaptureRequest& request, const std::string& capture) {
+/// Whether a prior was asked for that the set, which is written, has no calibration for.
+bool LacksItsPrior(const Store& store, const CaptureRequest& request, const std::string& capture) {
+  std::error_code ignored;
+  return request.choices.calibration_prior &&
+         !std::filesystem::exists(store.CaptureFolder(capture) / "calibration.json", ignored);
+}
+
+/// Of a set that is written. Without the prior where it would fail for that.
+std::optional<NewJob> FollowUp(const Store& store, const CaptureRequest& request,
+                               const std::string& capture) {
   if (!request.reconstruct) return std::nullopt;
-  return NewJob{JobKind::kReconstruction, ReconstructionBody(capture, request.choices), ""};
+  sfm::RunChoices choices = request.choices;
+  if (LacksItsPrior(store, request, capture)) choices.calibration_prior = false;
+  return NewJob{JobKind::kReconstruction, ReconstructionBody(capture, choices), ""};
 }
 
 /// Waits until all cameras are ready or patience is over.
@@ -221,8 +229,8 @@ Json ResultOf(const CaptureRecord& capture, const std::optional<rig::Shot>& shot
   return result;
 }
 
-/// A shot that is taken and that the disk refuses: says so once, and waits until the daemon has
-/// been ending for as long as it may.
+/// A shot that is taken and that the disk refuses: tells of it once, refuses to be cancelled for
+/// the reason of the time, and waits until the daemon has been ending for as long as it may.
 class ShotWait {
  public:
   ShotWait(Store& store, const CaptureJobOptions& options, const std::string& id,
@@ -231,8 +239,12 @@ class ShotWait {
 
   /// While the disk refuses it for this reason: whether to wait on.
   bool GoesOn(const Error& why) {
-    if (!since_) Begin(why);
     why_ = why;
+    const Error waits{ErrorCode::kIo,
+                      "is taken and waits for the disk (" + why.ToString() + "): make room there",
+                      "shot " + id_};
+    context_.refuse_cancel(waits.ToString() + "; it is not given up");
+    if (!since_) Begin(waits);
     const auto ending = context_.ending();
     given_up_ = ending && *ending >= options_.end_patience;
     return !given_up_;
@@ -260,12 +272,8 @@ class ShotWait {
  private:
   using Clock = std::chrono::steady_clock;
 
-  void Begin(const Error& why) {
+  void Begin(const Error& waits) {
     since_ = Clock::now();
-    const Error waits{ErrorCode::kIo,
-                      "is taken and waits for the disk (" + why.ToString() + "): make room there",
-                      "shot " + id_};
-    context_.refuse_cancel(waits.ToString() + "; it is not given up");
     Tell("capture_waits", waits);
   }
   void Tell(const char* kind, const Error& what) const {
@@ -361,7 +369,11 @@ Result<std::string> CaptureWork::Run(const JobRecord& job, JobContext& context) 
     if (!taken) return wait.given_up() ? wait.Lost() : taken.error();
     shot = std::move(taken->shot);
   }
-  const std::optional<NewJob> follow_up = FollowUp(request, id);
+  if (LacksItsPrior(store, request, id)) {
+    notes.push_back(
+        "reconstructed without the prior that was asked for: the set has no calibration");
+  }
+  const std::optional<NewJob> follow_up = FollowUp(store, request, id);
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture,
                            RecordInTheEnd(store, id, follow_up, wait, context));
   return ResultOf(capture, shot, notes).dump(-1, ' ', false, Json::error_handler_t::replace);
@@ -484,9 +496,9 @@ Result<CaptureStation::Taken> CaptureStation::Take(rig::FrameSetOrder order,
   return taken;
 }
 
-std::optional<NewJob> CaptureFollowUp(const JobRecord& job) {
+std::optional<NewJob> CaptureFollowUp(const Store& store, const JobRecord& job) {
   const Result<CaptureRequest> request = ParseCaptureRequest(job.body);
-  return request ? FollowUp(*request, job.product) : std::nullopt;
+  return request ? FollowUp(store, *request, job.product) : std::nullopt;
 }
 
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options) {
@@ -494,6 +506,7 @@ JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobO
   JobHandler handler;
   handler.check = [](const std::string& body) -> Result<std::string> {
     ROTUNDA_ASSIGN_OR_RETURN(const CaptureRequest request, ParseCaptureRequest(body));
+    if (request.subject) ROTUNDA_RETURN_IF_ERROR(CheckSubject(*request.subject));
     return ToBody(request);
   };
   handler.refers = [&store](const std::string& body) -> Status {

@@ -87,19 +87,20 @@ struct CaptureJobOptions {
   std::function<void(const std::string& trouble)> tell = nullptr;
 };
 
-/// The reconstruction that a capture job asks for; nullopt: none. For StoreOptions.
-std::optional<NewJob> CaptureFollowUp(const JobRecord& job);
+/// The reconstruction that a capture job asks for, of the set that it has taken; nullopt: none. For
+/// StoreOptions.
+std::optional<NewJob> CaptureFollowUp(const Store& store, const JobRecord& job);
 
-/// POST /v1/captures {"subject": text?, "reconstruct": true?}. The set gets the calibration in
-/// force; when that cannot be read the shot is taken without it and "notes" says so. Its
-/// reconstruction is queued unless "reconstruct" is false. Result: {"capture", "ok", "of",
-/// "complete", "notes"?, "summary", "pulses", "median_skew_us", "max_skew_us", "max_skew_camera",
-/// "resent_packets"}, the figures of the shot only when it was taken in this run, the skew only
-/// when it is known. Run again it keeps the shot that it had taken; without one it takes it under a
-/// new id. A shot that is taken is given up for the end of the daemon alone: while the disk refuses
-/// it the job waits and refuses to be cancelled (event capture_waits); when the daemon has ended
-/// without room for it the error and the event capture_lost name it. `store` and `station` outlive
-/// the handler.
+/// POST /v1/captures {"subject": text?, "reconstruct": true?, "preset"?, "prior"?}. The set gets
+/// the calibration in force; when that cannot be read the shot is taken, and reconstructed without
+/// a prior, and "notes" says so. Its reconstruction is queued unless "reconstruct" is false.
+/// Result: {"capture", "ok", "of", "complete", "notes"?, "summary", "pulses", "median_skew_us",
+/// "max_skew_us", "max_skew_camera", "resent_packets"}, the figures of the shot only when it was
+/// taken in this run, the skew only when it is known. Run again it keeps the shot that it had
+/// taken; without one it takes it under a new id. A shot that is taken is given up for the end of
+/// the daemon alone: while the disk refuses it the job waits and refuses to be cancelled (event
+/// capture_waits); when the daemon has ended without room for it the error and the event
+/// capture_lost name it. `store` and `station` outlive the handler.
 JobHandler MakeCaptureHandler(Store& store, CaptureStation& station, CaptureJobOptions options);
 
 }  // namespace rotunda::daemon

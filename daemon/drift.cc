@@ -30,11 +30,6 @@ bool PicturesAreSure(const PoseSummary& summary) {
   return summary.verdict == "sure" || summary.verdict_of_pictures == "sure";
 }
 
-/// Poses that the calibration has helped to place cannot tell where cameras have gone from it.
-bool HadPrior(const PoseSet& poses) {
-  return sfm::PriorOf(poses) != NameIn(sfm::PriorsByName(), false);
-}
-
 /// Else the calibration is not theirs, or nobody knows which cameras stand where it has them.
 bool MostAreInPlace(const std::vector<CameraPose>& cameras) {
   size_t compared = 0, far_off = 0;
@@ -53,9 +48,16 @@ bool IsBeyond(const VsCalibration& change, const DriftLimits& limits) {
 
 }  // namespace
 
+bool SpeaksOfTheRig(const PoseSet& poses) {
+  const auto preset = poses.options.find(sfm::kPresetOption);
+  const bool is_of_a_rig = preset == poses.options.end() ||
+                           preset->second == NameIn(sfm::PresetsByName(), sfm::Preset::kRig);
+  return is_of_a_rig && sfm::PriorOf(poses) == NameIn(sfm::PriorsByName(), false);
+}
+
 bool MaySpeakOfDrift(const PoseSet& poses) {
   const PoseSummary& summary = poses.summary;
-  return poses.metric && poses.aligned_to && !HadPrior(poses) && PicturesAreSure(summary) &&
+  return poses.metric && poses.aligned_to && SpeaksOfTheRig(poses) && PicturesAreSure(summary) &&
          !summary.folded.value_or(false) && MostAreInPlace(poses.cameras);
 }
 

@@ -10,9 +10,14 @@
 
 namespace rotunda::daemon {
 
-/// Whether the result may speak of drift: it is metric, not folded, and was compared with a
-/// calibration that was not its prior, its pictures alone are sure, and most cameras are in place:
-/// fewer than half are far off or beyond their uncertainties.
+/// Whether a sure verdict of the result is evidence of where the rig's cameras stand. Not with a
+/// prior: the calibration has helped to place them. Not with another preset than rig: a fold that
+/// no match contradicts is then not seen. A result that names no preset is of a method without one.
+bool SpeaksOfTheRig(const PoseSet& poses);
+
+/// Whether the result may speak of drift: it speaks of the rig, is metric, not folded, and was
+/// compared with a calibration, its pictures alone are sure, and most cameras are in place: fewer
+/// than half are far off or beyond their uncertainties.
 bool MaySpeakOfDrift(const PoseSet& poses);
 
 /// Every registered camera's drift; sorted by camera. A camera is beyond its limit when the

@@ -14,6 +14,15 @@ using Clock = std::chrono::steady_clock;
 // Jobs of this process wake the worker at once; this is for a store that could not be read.
 constexpr auto kLookAgain = std::chrono::seconds(2);
 
+/// The request as its job has it, when `known` is that of the same one: a body that was stored by
+/// an earlier version lacks the fields that have come since.
+std::string BodyFor(const std::optional<JobRecord>& known, const JobHandler& handler,
+                    const std::string& checked) {
+  if (!known) return checked;
+  const Result<std::string> as_of_now = handler.check(known->body);
+  return as_of_now && *as_of_now == checked ? known->body : checked;
+}
+
 }  // namespace
 
 /// One thread and the job it does.
@@ -83,7 +92,7 @@ class JobQueue::Worker {
   JobContext Context(const JobRecord& job);
   Result<std::string> Work(const JobRecord& job, JobContext& context);
   void Progress(JobRecord& job, std::string_view stage, size_t done, size_t total);
-  /// What has become of the job.
+  /// What has become of the job, whose handler has ended and refuses nothing any more.
   void Judge(const Result<std::string>& outcome, JobRecord& job);
   void StoreEnd(const JobRecord& job);
 
@@ -198,6 +207,7 @@ void JobQueue::Worker::Progress(JobRecord& job, std::string_view stage, size_t d
 
 void JobQueue::Worker::Judge(const Result<std::string>& outcome, JobRecord& job) {
   const std::lock_guard lock(mutex_);
+  cancel_refusal_.reset();
   if (outcome) {
     job.state = JobState::kDone;
     job.result = *outcome;
@@ -278,7 +288,8 @@ Result<JobRecord> JobQueue::Submit(JobKind kind, const std::string& body,
   if (!known) ROTUNDA_RETURN_IF_ERROR(CheckQueue());
   if (!known && handler.refers) ROTUNDA_RETURN_IF_ERROR(handler.refers(checked));
   if (!known && handler.admit) ROTUNDA_RETURN_IF_ERROR(handler.admit());
-  ROTUNDA_ASSIGN_OR_RETURN(JobRecord job, AddJob(store_, {kind, checked, idempotency_key}));
+  ROTUNDA_ASSIGN_OR_RETURN(
+      JobRecord job, AddJob(store_, {kind, BodyFor(known, handler, checked), idempotency_key}));
   Wake();
   return job;
 }

@@ -17,7 +17,8 @@ namespace rotunda::daemon {
 struct JobContext {
   std::stop_token stop;
   ProgressSink progress;  // may be called as often as one likes, from any thread
-  /// From now on the job is not cancelled: who asks for it is told why.
+  /// From now on, until it has ended, the job is not cancelled: who asks for it is told why, as it
+  /// was said last.
   std::function<void(const std::string& why)> refuse_cancel = [](const std::string&) {};
   /// For how long the daemon has been ending; nullopt: it goes on.
   std::function<std::optional<std::chrono::milliseconds>()> ending = [] { return std::nullopt; };

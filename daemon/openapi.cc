@@ -40,7 +40,8 @@ Json Parameters(const Route& route) {
           "The same key with the same request gives the job of the first time; with another "
           "request 409. It is known as long as its job is."},
          {"required", false},
-         {"schema", {{"type", "string"}, {"minLength", 1}, {"maxLength", 200}}}});
+         {"schema",
+          {{"type", "string"}, {"minLength", 1}, {"maxLength", 200}, {"pattern", "^[!-~]+$"}}}});
   }
   if (route.content_type == "text/event-stream") {
     parameters.push_back({{"name", "Last-Event-ID"},

@@ -28,7 +28,7 @@ const char kOpenApiSchemas[] = R"json({
   "complete": {"type": "boolean"}, "subject": {"type": "string"},
   "calibration": {"type": "string", "description": "In force when it was taken"},
   "reconstruction": {"type": "string", "description":
-  "The newest that is sure without a prior, else with one, else the newest"},
+  "The newest that is sure with the preset rig and without a prior, else the newest sure one, else the newest"},
   "verdict": {"$ref": "#/components/schemas/Verdict"}, "files_gone": {"type": "boolean"}},
   "additionalProperties": false},
  "Verdict": {"enum": ["sure", "unsure", "folded"],
@@ -47,7 +47,7 @@ const char kOpenApiSchemas[] = R"json({
   "minimum": 0}, "complete": {"type": "boolean"}, "subject": {"type": "string"},
   "calibration": {"type": "string", "description": "In force when it was taken"},
   "reconstruction": {"type": "string", "description":
-  "The newest that is sure without a prior, else with one, else the newest"},
+  "The newest that is sure with the preset rig and without a prior, else the newest sure one, else the newest"},
   "verdict": {"$ref": "#/components/schemas/Verdict"}, "files_gone": {"type": "boolean"},
   "frames": {"type": "array", "items": {"$ref": "#/components/schemas/Frame"}},
   "reconstructions": {"type": "array", "items": {"$ref": "#/components/schemas/Reconstruction"},
@@ -63,7 +63,7 @@ const char kOpenApiSchemas[] = R"json({
   "registered": {"type": "integer", "minimum": 0}, "of": {"type": "integer", "minimum": 0}, "rms_px": {"type": "number"},
   "verdict": {"type": "string"}, "verdict_reason": {"type": "string"},
   "folded": {"type": "boolean", "description": "Of sure and folded ones"}, "used_for_drift": {"type": "boolean",
-  "description": "It had no prior, its pictures alone are sure, and most cameras are where the calibration has them"},
+  "description": "Its preset is rig (with another one a fold that no match contradicts is not seen), it had no prior, its pictures alone are sure, and most cameras are where the calibration has them"},
   "calibration": {"type": "string"}, "mean_rotation_deg": {"type": "number"},
   "mean_position_mm": {"type": "number"}, "files_gone": {"type": "boolean"}},
   "additionalProperties": false},
@@ -167,12 +167,12 @@ const char kOpenApiSchemas[] = R"json({
   "calibration": {"type": "string", "description": "In force"},
   "last_capture": {"$ref": "#/components/schemas/Capture"}}, "additionalProperties": false},
  "Preset": {"enum": ["internet", "rig"], "description":
-  "Of the method tc-sfm. rig (default): the cameras surround the subject, and a result in which they do not is unsure; internet: they may stand anywhere"},
+  "Of the method tc-sfm. rig (default): the cameras surround the subject, and a result in which they do not is unsure; internet: they may stand anywhere, and the result is not used for drift"},
  "Prior": {"enum": ["calibration", "none"], "description":
   "Of the method tc-sfm. calibration: calibrated poses help to tell look-alike sides apart where the pictures show nothing that does; the result is then no evidence of where cameras stand, and not used for drift. Default: none"},
  "CaptureRequest": {"type": "object", "required": [], "properties": {"subject": {"type": "string",
   "description": "Whom or what the pictures show: at most 200 bytes of UTF-8 without control characters"}, "reconstruct": {"type": "boolean",
-  "description": "Default true"}, "preset": {"$ref": "#/components/schemas/Preset"},
+  "description": "Default true; with false neither preset nor prior may be given (422)"}, "preset": {"$ref": "#/components/schemas/Preset"},
   "prior": {"$ref": "#/components/schemas/Prior"}}, "additionalProperties": false},
  "CalibrationRequest": {"type": "object", "required": ["captures"],
   "properties": {"captures": {"type": "array", "items": {"type": "string"},
@@ -185,7 +185,7 @@ const char kOpenApiSchemas[] = R"json({
   "additionalProperties": false},
  "ReconstructionRequest": {"type": "object", "required": [],
   "properties": {"calibration": {"type": "string",
-  "description": "Default: the one in force at the capture"}, "method": {"enum": ["tc-sfm", "plain"]},
+  "description": "Default: the one in force at the capture"}, "method": {"enum": ["plain", "tc-sfm"]},
   "preset": {"$ref": "#/components/schemas/Preset"},
   "pairs": {"enum": ["exhaustive", "neighbours"]}, "prior": {"$ref": "#/components/schemas/Prior"}, "refine_intrinsics": {"type": "boolean"}},
   "additionalProperties": false}

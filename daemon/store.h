@@ -17,6 +17,7 @@
 namespace rotunda::daemon {
 
 class Database;  // daemon/store_sql.h
+class Store;
 
 using WallClock = std::function<std::chrono::system_clock::time_point()>;
 /// "2026-11-22T23:05:01.123Z".
@@ -32,7 +33,8 @@ struct StoreOptions {
   DriftLimits drift;
   /// What a capture job asks to be done with its shot: queued when a start finds the shot on the
   /// disk that the job, which did not come to its end, had taken. Null: nothing.
-  std::function<std::optional<NewJob>(const JobRecord& capture_job)> follow_up = nullptr;
+  std::function<std::optional<NewJob>(const Store&, const JobRecord& capture_job)> follow_up =
+      nullptr;
   /// Called now and then while Open() goes through what lies on the disk, which may take minutes.
   /// Null: nobody waits.
   std::function<void()> still_opening = nullptr;

@@ -19,17 +19,21 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxIdsASecond = 1000;
 
+// SpeaksOfTheRig() of a row.
+constexpr char kSpeaksOfTheRig[] = "(prior = 'none' AND preset IN ('rig', ''))";
+
 // With the reconstruction that speaks for it, of those whose files are there: a later one that is
-// not sure does not take the place of one that is, nor one that needed a prior that of one that did
-// not.
+// not sure does not take the place of one that is, nor one that does not speak of the rig that of
+// one that does.
 std::string SelectText(Speakers speakers) {
   return std::string(R"sql(
 SELECT c.id, c.captured_at, c.subject, c.ok_frames, c.frames, c.calibration, c.files_gone,
        r.id, r.verdict, r.verdict_reason
 FROM captures c LEFT JOIN reconstructions r ON r.id =
   (SELECT id FROM reconstructions WHERE capture = c.id AND files_gone = 0 )sql") +
-         (speakers == Speakers::kWithoutPrior ? "AND prior = 'none' " : "") + R"sql(
-   ORDER BY (verdict = 'sure') * (1 + (prior = 'none')) DESC, created_at DESC, id DESC LIMIT 1) )sql";
+         (speakers == Speakers::kOfTheRig ? std::string("AND ") + kSpeaksOfTheRig : "") +
+         " ORDER BY (verdict = 'sure') * (1 + " + kSpeaksOfTheRig +
+         ") DESC, created_at DESC, id DESC LIMIT 1) ";
 }
 
 CaptureRecord ReadCapture(Statement& row) {

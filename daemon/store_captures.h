@@ -20,8 +20,8 @@ Result<CaptureRecord> RecordCapture(Store& store, const std::string& id,
 
 /// kNotFound. So do all functions that take the id of something.
 Result<CaptureRecord> FindCapture(Store& store, const std::string& id);
-/// Which reconstructions may speak for a capture.
-enum class Speakers { kAll, kWithoutPrior };
+/// Which reconstructions may speak for a capture; kOfTheRig: SpeaksOfTheRig() in drift.h.
+enum class Speakers { kAll, kOfTheRig };
 Result<Listing<CaptureRecord>> ListCaptures(Store& store, const Page& page,
                                             Speakers speakers = Speakers::kAll);
 /// By camera name.

@@ -34,8 +34,8 @@ struct CaptureRecord {
   uint64_t frames = 0;
   std::optional<std::string> calibration;  // in force when it was taken
   bool files_gone = false;                 // the folder was missing when the daemon started
-  // The newest reconstruction that is sure without a prior, else with one, else the newest: its id
-  // and what it says ("sure", "unsure", "folded" or empty), and why.
+  // The newest reconstruction that is sure and speaks of the rig (drift.h), else the newest sure
+  // one, else the newest: its id and what it says ("sure", "unsure", "folded" or empty), and why.
   std::optional<std::string> reconstruction;
   std::string verdict;
   std::string verdict_reason;

@@ -37,7 +37,7 @@ Result<std::optional<NewJob>> FollowUpOf(Store& store, const std::string& captur
     return std::optional<NewJob>();
   }
   const bool unfinished = job->state == JobState::kRunning || job->state == JobState::kInterrupted;
-  return unfinished ? store.options().follow_up(*job) : std::nullopt;
+  return unfinished ? store.options().follow_up(store, *job) : std::nullopt;
 }
 
 const std::vector<FolderTable>& Tables() {

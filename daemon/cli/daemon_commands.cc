@@ -288,7 +288,8 @@ CLI::Option* AddPresetOption(CLI::App* command, std::string& preset) {
   return command
       ->add_option("--preset", preset,
                    "rig (default): the cameras surround the subject, and a result in which they do "
-                   "not is unsure; internet: they may stand anywhere")
+                   "not is unsure; internet: they may stand anywhere, and the result is not used "
+                   "for drift")
       ->check(CLI::IsMember(NamesIn(daemon::RequestPresets())));
 }
 

@@ -76,7 +76,7 @@ std::string ReasonOf(const daemon::JobRecord& job) {
 size_t CheckFollowUps(daemon::Store& store, const std::vector<daemon::JobRecord>& jobs) {
   std::map<std::string, int> wanted, found;
   for (const daemon::JobRecord& job : jobs) {
-    const auto follow_up = daemon::CaptureFollowUp(job);
+    const auto follow_up = daemon::CaptureFollowUp(store, job);
     if (job.kind == daemon::JobKind::kReconstruction) {
       ++found[job.body];
     } else if (job.kind == daemon::JobKind::kCapture && follow_up &&

@@ -7,10 +7,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 #include <string>
 #include <thread>
@@ -296,6 +298,21 @@ TEST_F(Api, TheDocumentSaysWhichRequestsTakeABody) {
   EXPECT_FALSE(needs_body("/v1/captures/{capture}/reconstructions"));
 }
 
+/// One that the document allows is taken, and one that it does not is refused.
+TEST_F(Api, TheDocumentSaysWhichIdempotencyKeysThereAre) {
+  const Json parameters = Document()["paths"]["/v1/captures"]["post"]["parameters"];
+  const auto header = std::find_if(parameters.begin(), parameters.end(), [](const Json& each) {
+    return each["name"] == "Idempotency-Key";
+  });
+  ASSERT_NE(header, parameters.end());
+  const std::regex allowed((*header)["schema"]["pattern"].get<std::string>());
+  for (const char* key : {"\x1F", " ", "!", "~", "\x7F", "a b", "a-b"}) {
+    const int status =
+        Call("POST", "/v1/captures", "{}", Role::kOperator, {{"idempotency-key", key}}).status;
+    EXPECT_EQ(status, std::regex_match(key, allowed) ? 202 : 400) << key;
+  }
+}
+
 TEST_F(Api, TheDocumentNamesEveryLensModel) {
   const Json document = Document();
   const Json& request = document["components"]["schemas"]["CalibrationRequest"];
@@ -401,11 +418,12 @@ TEST_F(Api, StatusTellsOfCapturesThatAreNotSureAndOfCamerasWithoutAPose) {
   EXPECT_EQ(Problems().find("has no pose"), std::string::npos) << Problems();
 }
 
-TEST_F(Api, AResultWithAPriorSaysSoAndNothingOfWhetherPicturesAreSure) {
+TEST_F(Api, OnlyResultsThatSpeakOfTheRigSayWhetherTheNewestAreSure) {
   Fill();
-  const auto add = [&](const std::string& id, const char* verdict, const char* prior) {
+  const auto add = [&](const std::string& id, const char* verdict, const char* prior,
+                       const char* preset = "rig") {
     PoseSet poses = MovedPoses(id);
-    poses.options = {{"preset", "internet"}, {"prior", prior}};
+    poses.options = {{"preset", preset}, {"prior", prior}};
     poses.summary.verdict = verdict;
     poses.summary.verdict_reason = "a reason";
     AddCapture("2026-01-01T11:0" + id.substr(1) + ":00Z", poses);
@@ -413,15 +431,19 @@ TEST_F(Api, AResultWithAPriorSaysSoAndNothingOfWhetherPicturesAreSure) {
   add("p1", "unsure", "none");
   add("p2", "unsure", "calibration");
   EXPECT_EQ(Problems().find("not sure"), std::string::npos) << Problems();
-  add("p3", "sure", "calibration");
-  add("p4", "unsure", "none");
-  EXPECT_NE(Problems().find("the newest 2 are not sure; p4 is unsure"), std::string::npos)
+  add("p3", "unsure", "none", "internet");
+  EXPECT_EQ(Problems().find("not sure"), std::string::npos) << Problems();
+  add("p4", "sure", "calibration");
+  add("p5", "sure", "none", "internet");
+  add("p6", "unsure", "none");
+  EXPECT_NE(Problems().find("the newest 2 are not sure; p6 is unsure"), std::string::npos)
       << Problems();
-  const Json made = Checked(Get("/v1/reconstructions/p3-r1"), "Reconstruction");
-  EXPECT_EQ(made["preset"], "internet");
+  EXPECT_EQ(Checked(Get("/v1/reconstructions/p5-r1"), "Reconstruction")["preset"], "internet");
+  const Json made = Checked(Get("/v1/reconstructions/p4-r1"), "Reconstruction");
+  EXPECT_EQ(made["preset"], "rig");
   EXPECT_EQ(made["prior"], "calibration");
   EXPECT_EQ(made["used_for_drift"], false);
-  EXPECT_EQ(Checked(Get("/v1/captures/p3"), "CaptureDetail")["reconstruction"], "p3-r1");
+  EXPECT_EQ(Checked(Get("/v1/captures/p4"), "CaptureDetail")["reconstruction"], "p4-r1");
 }
 
 TEST_F(Api, StatusTellsOfJobsThatCannotBeBegun) {

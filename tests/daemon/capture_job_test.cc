@@ -104,6 +104,16 @@ class CaptureJobTest : public ::testing::Test {
     fs::remove(Captures());
     fs::create_directory(Captures());
   }
+  void Execute(const std::string& sql) {
+    const Status done =
+        store().Write([&](Database& database, auto&) { return database.Execute(sql); });
+    ASSERT_TRUE(done.ok()) << done.error().ToString();
+  }
+  /// Until trigger `full` is dropped.
+  void RefuseInTheDatabase() {
+    Execute(
+        "CREATE TRIGGER full BEFORE INSERT ON captures BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  }
   fs::path Captures() const { return state_.folder() / "captures"; }
   /// A capture whose shot the disk has refused; its job.
   int64_t RefusedShot() {
@@ -201,6 +211,22 @@ TEST_F(CaptureJobTest, AShotIsTakenWithoutACalibrationThatCannotBeReadAndSaysSo)
   expect_without("No such file");
 }
 
+TEST_F(CaptureJobTest, ASetWithoutACalibrationIsReconstructedWithoutThePriorAndSaysSo) {
+  const std::string body = R"({"preset":"internet","prior":"calibration"})";
+  const std::string note = "reconstructed without the prior that was asked for";
+  PutCalibrationInForce();
+  EXPECT_EQ(Capture(body).result.find(note), std::string::npos) << "it has its calibration";
+  fs::resize_file(store().CalibrationFolder("now") / "calibration.json", 20);
+  const JobRecord job = Capture(body);
+  ASSERT_EQ(job.state, JobState::kDone) << job.error;
+  EXPECT_NE(job.result.find(note), std::string::npos) << job.result;
+  sfm::RunChoices choices;
+  choices.preset = sfm::Preset::kInternet;
+  EXPECT_EQ(ListJobs(store(), {})->items[0].body, ReconstructionBody(job.product, choices));
+  EXPECT_EQ(CaptureFollowUp(store(), job)->body, ReconstructionBody(job.product, choices))
+      << "likewise when a start finds the shot";
+}
+
 TEST_F(CaptureJobTest, AShotWithMissingCamerasIsKeptAndSaysWhich) {
   ASSERT_TRUE(rig_.server().SetFault(2, {FaultKind::kMute, 0, 0}).ok());
   const JobRecord job = Capture("{}");
@@ -267,7 +293,7 @@ TEST_F(CaptureJobTest, RefusesRequestsThatItDoesNotUnderstand) {
 
 TEST_F(CaptureJobTest, ASubjectIsPlainText) {
   const std::string expected =
-      "request: subject: expected at most 200 bytes of UTF-8 without control characters, found ";
+      "subject: expected at most 200 bytes of UTF-8 without control characters, found ";
   const std::map<std::string, std::string> refused = {
       {std::string(201, 'a'), "201 bytes"},
       {"Anna\\nBerta", "the control character U+000A at byte 4"},
@@ -319,6 +345,27 @@ TEST_F(CaptureJobTest, ThatHadItsShotBeforeTheDaemonDiedDoesNotTakeAnother) {
   EXPECT_NE(end.result.find("\"capture\":\"had\""), std::string::npos);
   EXPECT_EQ(ListCaptures(store(), {})->items.size(), 1u);
   EXPECT_EQ(ListJobs(store(), {})->items[0].kind, JobKind::kReconstruction);
+}
+
+/// What a new request may not say was once taken.
+TEST_F(CaptureJobTest, AJobWhoseSubjectWouldBeRefusedTodayKeepsItsShot) {
+  queue_.reset();
+  const std::string body = R"({"subject":"Anna\nBerta","reconstruct":true})";
+  const auto job = AddJob(store(), {JobKind::kCapture, body, ""});
+  ASSERT_TRUE(TakeJob(store(), {JobKind::kCapture}).ok());
+  ASSERT_TRUE(SetJobProduct(store(), job->number, "had").ok());
+  test::WriteTinyFrameSet(store().CaptureFolder("had"), "2026-01-01T00:00:00Z");
+  state_.SetFollowUp(CaptureFollowUp);
+  state_.Reopen();
+  const auto queued = ListJobs(store(), {}, JobState::kQueued);
+  ASSERT_EQ(queued->items.size(), 1u);
+  EXPECT_EQ(queued->items[0].body, ReconstructionBody("had"));
+  StartQueue(0);
+  EXPECT_FALSE(queue_->Submit(JobKind::kCapture, body, "").ok()) << "a new one";
+  ASSERT_TRUE(queue_->Rerun(job->number).ok());
+  const JobRecord end = Wait(job->number);
+  EXPECT_EQ(end.state, JobState::kDone) << end.error;
+  EXPECT_NE(end.result.find("\"capture\":\"had\""), std::string::npos) << end.result;
 }
 
 TEST_F(CaptureJobTest, RunAgainWithoutAShotTakesItUnderAnIdOfItsOwnTime) {
@@ -387,21 +434,33 @@ TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsNotCancelled) {
 }
 
 TEST_F(CaptureJobTest, AShotThatOnlyTheDatabaseRefusesIsToldOfTillItIsTaken) {
-  const auto write = [&](const char* sql) {
-    const Status done =
-        store().Write([&](Database& database, auto&) { return database.Execute(sql); });
-    ASSERT_TRUE(done.ok()) << done.error().ToString();
-  };
-  write("CREATE TRIGGER full BEFORE INSERT ON captures BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  RefuseInTheDatabase();
   const int64_t job = RefusedShot();
   const auto refusals = queue_->CancelRefusals();
   ASSERT_EQ(refusals.size(), 1u);
   const std::string shot = FindJob(store(), job)->product;
-  EXPECT_EQ(refusals[0].find("shot " + shot + ": is taken and waits for the disk (database: "), 0u)
-      << refusals[0];
-  EXPECT_NE(refusals[0].find("no room"), std::string::npos) << refusals[0];
-  write("DROP TRIGGER full");
+  EXPECT_EQ(refusals[0], "shot " + shot + ": is taken and waits for the disk (" +
+                             (state_.folder() / "rotunda.db").string() +
+                             ": database: no room): make room there; it is not given up");
+  Execute("DROP TRIGGER full");
   EXPECT_EQ(Wait(job).state, JobState::kDone);
+}
+
+TEST_F(CaptureJobTest, WhyItIsNotCancelledIsWhatHoldsNow) {
+  RefuseInTheDatabase();
+  LetTheDiskRefuse();
+  const int64_t job = RefusedShot();
+  EXPECT_NE(queue_->Cancel(job).error().message.find(Captures().string()), std::string::npos);
+  MendTheDisk();
+  const auto says = [&](const std::string& what) {
+    return queue_->CancelRefusals().at(0).find(what) != std::string::npos;
+  };
+  while (!says("no room")) std::this_thread::sleep_for(2ms);
+  EXPECT_FALSE(says(Captures().string())) << "that is mended";
+  EXPECT_NE(queue_->Cancel(job).error().message.find("no room"), std::string::npos);
+  Execute("DROP TRIGGER full");
+  EXPECT_EQ(Wait(job).state, JobState::kDone);
+  EXPECT_EQ(CountEvents("capture_waits"), 1u) << "not for each reason";
 }
 
 TEST_F(CaptureJobTest, CancelledBeforeTheDiskRefusesItIsNotGivenUpEither) {

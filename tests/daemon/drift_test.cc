@@ -301,6 +301,30 @@ TEST_F(DriftTest, PosesThatHadTheCalibrationAsPriorSayNothingOfDrift) {
   EXPECT_EQ(drift->items[0].reconstruction, "x1-r2");
 }
 
+/// Nothing but the ring that the preset rig asks for shows some folds.
+TEST_F(DriftTest, OnlyPosesOfThePresetRigSpeakOfDrift) {
+  const Shake moved{"c01r0", {0, 0.02, 0}, 3, 0, "c04r2"};
+  int number = 0;
+  for (const char* preset : {"internet", "literal"}) {
+    for (int repeat = 0; repeat < 2; ++repeat) {
+      PoseSet poses = PosesOf(calibration_, Name(++number), moved);
+      poses.options["preset"] = preset;
+      Capture(number);
+      EXPECT_FALSE(Record(number, poses).used_for_drift) << preset;
+    }
+  }
+  EXPECT_TRUE(DriftNow(store())->empty());
+  EXPECT_TRUE(UnregisteredCameras().empty());
+  EXPECT_TRUE(EventsOf("camera_moved").empty());
+  for (int repeat = 0; repeat < 2; ++repeat) {
+    PoseSet poses = PosesOf(calibration_, Name(++number), moved);
+    poses.options["preset"] = "rig";
+    Capture(number);
+    EXPECT_TRUE(Record(number, poses).used_for_drift);
+  }
+  EXPECT_EQ(MovedCameras(), std::vector<std::string>{"c01r0"});
+}
+
 TEST_F(DriftTest, ACameraThatWasKnockedFarIsNamedAndTheOthersStayWatched) {
   const Shake moved{"c02r1", {0.4, 0.5, 0}, 3}, turned{"c07r0", {0, 0, 0}, 4, 15.0};
   int number = 0;
@@ -419,30 +443,47 @@ TEST_F(DriftTest, ALaterResultThatIsNotSureDoesNotHideOneThatIs) {
   EXPECT_EQ(ListCaptures(store(), {})->items[0].reconstruction, "x1-r2");
 }
 
-TEST_F(DriftTest, AResultWithAPriorSpeaksOnlyWhereThePicturesAloneAreNotSure) {
+TEST_F(DriftTest, AResultThatDoesNotSpeakOfTheRigStandsBackForOneThatDoes) {
+  int number = 0;
+  for (const char* option : {"prior", "preset"}) {
+    const bool is_prior = std::string(option) == "prior";
+    Capture(++number);
+    PoseSet rig = PosesOf(calibration_, Name(number), {});
+    rig.options["preset"] = "rig";
+    PoseSet other = rig;
+    other.options[option] = is_prior ? "calibration" : "internet";
+    const auto speaker = [&] { return FindCapture(store(), Name(number))->reconstruction; };
+    const auto speaker_of_the_rig = [&] {
+      return ListCaptures(store(), {}, Speakers::kOfTheRig)->items[0].reconstruction;
+    };
+    const auto made = Record(number, other, "-r1");
+    EXPECT_EQ(made.preset, is_prior ? "rig" : "internet");
+    EXPECT_EQ(made.prior, is_prior ? "calibration" : "none");
+    EXPECT_EQ(speaker(), Name(number) + "-r1");
+    EXPECT_EQ(speaker_of_the_rig(), std::nullopt) << option;
+    rig.summary.verdict = rig.summary.verdict_of_pictures = "unsure";
+    Record(number, rig, "-r2");
+    EXPECT_EQ(speaker(), Name(number) + "-r1") << "sure of something else, or not sure";
+    EXPECT_EQ(speaker_of_the_rig(), Name(number) + "-r2") << option;
+    rig.summary.verdict = rig.summary.verdict_of_pictures = "sure";
+    Record(number, rig, "-r3");
+    Record(number, other, "-r4");
+    EXPECT_EQ(speaker(), Name(number) + "-r3")
+        << "sure of the rig, though " << option << " is newer";
+    EXPECT_EQ(ListCaptures(store(), {})->items[0].reconstruction, Name(number) + "-r3");
+  }
+}
+
+/// The plain method has no preset; nor has a result of before there was a choice.
+TEST_F(DriftTest, AResultWithoutAPresetSpeaksOfTheRig) {
   Capture(1);
-  PoseSet alone = PosesOf(calibration_, "x1", {});
-  alone.options["preset"] = "internet";
-  PoseSet prior = alone;
-  prior.options["prior"] = "calibration";
-  const auto speaker = [&] { return FindCapture(store(), "x1")->reconstruction; };
-  const auto speaker_without_prior = [&] {
-    return ListCaptures(store(), {}, Speakers::kWithoutPrior)->items[0].reconstruction;
-  };
-  Record(1, prior, "-r1");
-  EXPECT_EQ(speaker(), "x1-r1");
-  EXPECT_EQ(speaker_without_prior(), std::nullopt);
-  alone.summary.verdict = alone.summary.verdict_of_pictures = "unsure";
-  Record(1, alone, "-r2");
-  EXPECT_EQ(speaker(), "x1-r1") << "sure with a prior, or not sure";
-  EXPECT_EQ(speaker_without_prior(), "x1-r2");
-  alone.summary.verdict = alone.summary.verdict_of_pictures = "sure";
-  const auto record = Record(1, alone, "-r3");
-  EXPECT_EQ(record.preset, "internet");
-  EXPECT_EQ(record.prior, "none");
-  Record(1, prior, "-r4");
-  EXPECT_EQ(speaker(), "x1-r3") << "sure without a prior";
-  EXPECT_EQ(ListCaptures(store(), {})->items[0].reconstruction, "x1-r3");
+  PoseSet poses = PosesOf(calibration_, "x1", {});
+  const auto made = Record(1, poses, "-r1");
+  EXPECT_EQ(made.preset, "");
+  EXPECT_TRUE(made.used_for_drift);
+  poses.options["preset"] = "internet";
+  Record(1, poses, "-r2");
+  EXPECT_EQ(FindCapture(store(), "x1")->reconstruction, "x1-r1");
 }
 
 TEST(DriftLimitsTest, NeedBothSignificanceAndSize) {

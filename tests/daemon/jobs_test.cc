@@ -162,6 +162,29 @@ TEST(Jobs, TheSameKeyDoesItOnce) {
   EXPECT_EQ(ListJobs(state.store(), {})->items.size(), 1u);
 }
 
+/// The stored body is of a version that knew fewer fields.
+TEST(Jobs, TheSameKeyIsThatOfTheSameRequestAlsoAfterAnUpgrade) {
+  DaemonState state;
+  const auto before = AddJob(state.store(), {JobKind::kCapture, "{\"a\":1}", "key"});
+  ASSERT_TRUE(before.ok());
+  JobHandlers handlers = CapturesDo(Nothing);
+  handlers.capture.check = [](const std::string& body) -> Result<std::string> {
+    if (body.find("\"b\"") != std::string::npos) return body;
+    return body.substr(0, body.size() - 1) + ",\"b\":0}";
+  };
+  JobQueue queue(state.store(), handlers, {});
+  for (const char* same : {"{\"a\":1}", "{\"a\":1,\"b\":0}"}) {
+    const auto again = queue.Submit(JobKind::kCapture, same, "key");
+    ASSERT_TRUE(again.ok()) << again.error().ToString();
+    EXPECT_EQ(again->number, before->number);
+  }
+  for (const char* other : {"{\"a\":2}", "{\"a\":1,\"b\":1}"}) {
+    const auto refused = queue.Submit(JobKind::kCapture, other, "key");
+    ASSERT_FALSE(refused.ok()) << other;
+    EXPECT_EQ(refused.error().code, ErrorCode::kAlreadyExists);
+  }
+}
+
 TEST(Jobs, ThatCannotBeTakenAreRefusedUnlessTheyWereTakenBefore) {
   DaemonState state;
   std::atomic<bool> full = false;
@@ -216,6 +239,33 @@ TEST(Jobs, AreCancelledWhileTheyWaitAndWhileTheyRun) {
   const JobRecord again = WaitForEnd(state.store(), waiting->number);
   EXPECT_EQ(again.state, JobState::kDone) << again.error;
   EXPECT_EQ(queue.Rerun(waiting->number).error().code, ErrorCode::kInvalidArgument);
+}
+
+TEST(Jobs, RefuseToBeCancelledForTheLastReasonAndNotWhenTheirWorkIsOver) {
+  DaemonState state;
+  Gate gate;
+  JobQueue queue(state.store(), CapturesDo([&](const JobRecord&, JobContext& context) {
+                   context.refuse_cancel("the disk is full");
+                   context.refuse_cancel("the database is full");
+                   return gate.Pass(context);
+                 }),
+                 {});
+  const auto job = queue.Submit(JobKind::kCapture, "{}", "");
+  gate.WaitUntilEntered(1);
+  EXPECT_EQ(queue.CancelRefusals(), std::vector<std::string>{"the database is full"});
+  EXPECT_EQ(queue.Cancel(job->number).error().message, "the database is full");
+  const auto execute = [&](const std::string& sql) {
+    const Status done =
+        state.store().Write([&](Database& database, auto&) { return database.Execute(sql); });
+    ASSERT_TRUE(done.ok()) << done.error().ToString();
+  };
+  execute("CREATE TRIGGER full BEFORE UPDATE ON jobs BEGIN SELECT RAISE(ABORT, 'no room'); END");
+  gate.Open();
+  while (!queue.CancelRefusals().empty()) std::this_thread::sleep_for(2ms);
+  EXPECT_EQ(FindJob(state.store(), job->number)->state, JobState::kRunning)
+      << "its end is not stored yet";
+  execute("DROP TRIGGER full");
+  EXPECT_EQ(WaitForEnd(state.store(), job->number).state, JobState::kDone);
 }
 
 TEST(Jobs, CaptureWhileAReconstructionRuns) {
