@@ -52,7 +52,7 @@ bool SpeaksOfTheRig(const PoseSet& poses) {
   const auto preset = poses.options.find(sfm::kPresetOption);
   const bool is_of_a_rig = preset == poses.options.end() ||
                            preset->second == NameIn(sfm::PresetsByName(), sfm::Preset::kRig);
-  return is_of_a_rig && sfm::PriorOf(poses) == NameIn(sfm::PriorsByName(), false);
+  return is_of_a_rig && !sfm::HadPrior(poses);
 }
 
 bool MaySpeakOfDrift(const PoseSet& poses) {
