@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <iterator>
+#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -133,15 +134,30 @@ std::vector<fs::path> RenderScenes(const std::string& command, const fs::path& f
   return sets;
 }
 
+std::optional<std::vector<Json>> DaemonClient::NewestJobs(size_t most) const {
+  constexpr size_t kPage = 500;
+  std::vector<Json> jobs;
+  std::string after;
+  do {
+    const Json page =
+        daemon_.Get("/v1/jobs?limit=" + std::to_string(std::min(most, kPage)) + after);
+    if (!page.is_object() || !page.contains("items")) return std::nullopt;
+    jobs.insert(jobs.end(), page["items"].begin(), page["items"].end());
+    after = page.contains("next") ? "&after=" + page["next"].get<std::string>() : "";
+  } while (!after.empty() && jobs.size() < most);
+  return jobs;
+}
+
 bool DaemonClient::Run(milliseconds patience, bool new_work) {
+  const size_t looked_at = new_work ? 100 : std::numeric_limits<size_t>::max();
   const auto end = std::chrono::steady_clock::now() + patience;
   bool reran = false;
   while (std::chrono::steady_clock::now() < end) {
     std::this_thread::sleep_for(kPollInterval);
-    const Json jobs = daemon_.Get(std::string("/v1/jobs?limit=") + (new_work ? "100" : "500"));
-    if (!jobs.is_object() || !jobs.contains("items")) continue;
+    const auto jobs = NewestJobs(looked_at);
+    if (!jobs) continue;
     Open open;
-    for (const Json& job : jobs["items"]) {
+    for (const Json& job : *jobs) {
       if (job["kind"] == "capture" && job["state"] == "done") {
         acknowledged.insert(job["result"]["capture"].get<std::string>());
       }

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -48,6 +49,8 @@ class DaemonClient {
   struct Open {  // queued or running
     int captures = 0, computing = 0;
   };
+  /// At most; nullopt: nobody answers.
+  std::optional<std::vector<nlohmann::json>> NewestJobs(size_t most) const;
   bool WantsRerun(const nlohmann::json& job, bool new_work);
   /// So that always a capture and two other jobs are open; some reconstructions are asked for with
   /// the capture.
