@@ -120,7 +120,9 @@ void HttpSession::OnRequest() {
   for (const auto& field : message) {
     std::string name(field.name_string());
     for (char& letter : name) letter = beast::detail::ascii_tolower(letter);
-    request.headers[name] = std::string(field.value());
+    // Repeated ones count as one list (RFC 9110, 5.3), so that none is lost unseen.
+    const auto [kept, is_new] = request.headers.try_emplace(name, field.value());
+    if (!is_new) kept->second += ", " + std::string(field.value());
   }
   request.body = std::move(message.body());
   request.peer = peer;

@@ -278,10 +278,15 @@ std::optional<double> GapInRing_deg(const Reconstruction& model, const TcSfmOpti
   return gap_deg > *options.max_gap_deg ? std::optional(gap_deg) : std::nullopt;
 }
 
-std::string GapReason(double gap_deg) {
+std::string GapReason(double gap_deg, const Reconstruction& model) {
+  const size_t lost = model.cam_from_model.size() - RegisteredCount(model);
   return "no camera stands in " + std::to_string(std::lround(gap_deg)) +
-         " of the 360 deg around the subject, as in a folded reconstruction (for cameras that do "
-         "not surround it there is the preset internet)";
+         " of the 360 deg around the subject, " +
+         (lost == 0 ? "as in a folded reconstruction (for cameras that do not surround it there "
+                      "is the preset internet)"
+                    : "where " + std::to_string(lost) +
+                          " cameras have no pose: too little is "
+                          "matched between neighbours, or it is folded");
 }
 
 /// What tells look-alike parts of the subject apart.
@@ -299,7 +304,7 @@ ToldApart WhatTellsApart(const State& state, const Alternatives& alternatives) {
 std::string ReasonFor(const TcSfmResult& result, double gain, ToldApart told_apart,
                       const std::optional<double>& gap_deg) {
   if (gain > 0) return "the poses lay different parts of the subject over each other";
-  if (gap_deg) return GapReason(*gap_deg);
+  if (gap_deg) return GapReason(*gap_deg, result.models.models.front());
   if (told_apart == ToldApart::kNothing) {
     return "parts of the subject look alike and nothing tells them apart";
   }

@@ -132,6 +132,18 @@ TEST_F(HttpServerTest, AnswersRequestsOneAfterTheOtherOnAConnection) {
   EXPECT_EQ(server_->counters().connections, 1u);
 }
 
+TEST_F(HttpServerTest, HeadersThatComeTwiceAreOneList) {
+  options_.handle = [](const HttpRequest& request) {
+    HttpResponse response;
+    response.body = request.Header("idempotency-key");
+    return response;
+  };
+  Start();
+  UnixConnection connection(Socket());
+  connection.Send("GET /x HTTP/1.1\r\nHost: h\r\nIdempotency-Key: a\r\nIdempotency-Key: b\r\n\r\n");
+  EXPECT_EQ(ReadAnswer(connection).body, "a, b");
+}
+
 TEST_F(HttpServerTest, AnswersHeadWithTheHeaderAlone) {
   std::ofstream(folder_ / "file") << "12345";
   options_.handle = [file = folder_ / "file"](const HttpRequest& request) {

@@ -247,13 +247,28 @@ TEST_F(TcSfmTest, AWholeFoldThatNothingContradictsLeavesHalfTheRingEmpty) {
   ASSERT_TRUE(on_rig) << on_rig.error().ToString();
   ASSERT_GT(ErrorsOf(on_rig->models.models[0], world.cam_from_world).max_rotation_rad, kFolded_rad);
   EXPECT_EQ(on_rig->verdict, Verdict::kUnsure);
-  EXPECT_NE(on_rig->reason.find("of the 360 deg around the subject"), std::string::npos)
+  EXPECT_NE(on_rig->reason.find("of the 360 deg around the subject, as in a folded"),
+            std::string::npos)
       << on_rig->reason;
   TcSfmOptions anywhere;
   anywhere.max_gap_deg.reset();
   const auto unknown = Run(world, anywhere);
   ASSERT_TRUE(unknown) << unknown.error().ToString();
   EXPECT_EQ(unknown->verdict, Verdict::kSure) << unknown->reason;
+}
+
+TEST_F(TcSfmTest, AGapOfCamerasWithoutAPoseIsSaidToBeThat) {
+  SyntheticWorld world = MakeSyntheticWorld({});
+  constexpr size_t kLost = 10;  // five columns of twelve, two rows each
+  std::erase_if(world.two_views.pairs, [](const TwoView& view) {
+    return view.pair.first.index() < kLost || view.pair.second.index() < kLost;
+  });
+  world.view_graph = BuildViewGraph(world.features, world.two_views);
+  const auto result = Run(world);
+  ASSERT_TRUE(result) << result.error().ToString();
+  EXPECT_EQ(result->verdict, Verdict::kUnsure);
+  EXPECT_NE(result->reason.find("where 10 cameras have no pose"), std::string::npos)
+      << result->reason;
 }
 
 /// No point tells the sides of the body apart, and its print goes round it or is on two of them.
