@@ -281,12 +281,9 @@ std::optional<double> GapInRing_deg(const Reconstruction& model, const TcSfmOpti
 std::string GapReason(double gap_deg, const Reconstruction& model) {
   const size_t lost = model.cam_from_model.size() - RegisteredCount(model);
   return "no camera stands in " + std::to_string(std::lround(gap_deg)) +
-         " of the 360 deg around the subject, " +
-         (lost == 0 ? "as in a folded reconstruction (for cameras that do not surround it there "
-                      "is the preset internet)"
-                    : "where " + std::to_string(lost) +
-                          " cameras have no pose: too little is "
-                          "matched between neighbours, or it is folded");
+         " of the 360 deg around the subject, as in a folded reconstruction" +
+         (lost > 0 ? ", and " + std::to_string(lost) + " cameras have no pose" : "") +
+         " (for cameras that do not surround it there is the preset internet)";
 }
 
 /// What tells look-alike parts of the subject apart.

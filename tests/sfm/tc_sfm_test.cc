@@ -267,7 +267,7 @@ TEST_F(TcSfmTest, AGapOfCamerasWithoutAPoseIsSaidToBeThat) {
   const auto result = Run(world);
   ASSERT_TRUE(result) << result.error().ToString();
   EXPECT_EQ(result->verdict, Verdict::kUnsure);
-  EXPECT_NE(result->reason.find("where 10 cameras have no pose"), std::string::npos)
+  EXPECT_NE(result->reason.find("and 10 cameras have no pose"), std::string::npos)
       << result->reason;
 }
 
