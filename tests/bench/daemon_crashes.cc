@@ -76,7 +76,9 @@ void MeasureCrashes(const Arguments& arguments, const SimulatedDaemon::Options& 
       });
       client.Run(life, true);
     }
-    Require(process->Wait() == 128 + SIGKILL, "the daemon ended by itself:\n" + daemon.Log());
+    const int status = process->Wait();
+    Require(status == 128 + SIGKILL, "the daemon ended by itself, exit status " +
+                                         std::to_string(status) + ":\n" + daemon.Log());
     // Else they would wait 3 s for the heartbeat of the dead one, and lives are short.
     daemon.SendToCameras({"fault", "all", "reboot", "100"});
     inspector.Look(client.acknowledged, false);
