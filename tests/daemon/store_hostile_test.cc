@@ -79,7 +79,8 @@ class HostileDatabase : public testing::Test {
   void AddReconstruction(const std::string& id, const std::string& capture) {
     Execute("INSERT INTO reconstructions SELECT '" + id + "', '" + capture +
             "', calibration, '2030-01-01T00:00:00Z', method, registered, of_cameras, rms_px, "
-            "'sure', verdict_reason, folded, used_for_drift, NULL, NULL, 0, preset, prior FROM reconstructions "
+            "'sure', verdict_reason, folded, used_for_drift, NULL, NULL, 0, preset, prior FROM "
+            "reconstructions "
             "WHERE id = 'x-r1'");
   }
   void AddCalibration(const std::string& id) {
