@@ -31,7 +31,7 @@ struct TcSfmOptions {
   ConsistencyOptions consistency;
   CovisibilityOptions covisibility;
   MergeOptions merging;
-  int max_unfoldings = 8;  // one captured body in plaid took six
+  int max_unfoldings = 8;  // one simulated body in plaid takes six
   /// Log-likelihood that a split into groups must gain; by chance it stays below a few units.
   double min_gain = 20.0;
   /// Log-likelihood against everything that looks alike, below which the verdict is "unsure".

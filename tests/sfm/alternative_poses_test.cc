@@ -101,23 +101,29 @@ TwoView TurningMatches(const test::SyntheticWorld& world, ImageId other, double 
   return view;
 }
 
+/// Of `model` when the matches of image 0 with `other` would turn it about the body.
+Alternatives FindTurned(const test::SyntheticWorld& world, const Reconstruction& model,
+                        TwoViews two_views, ImageId other, double turn_rad) {
+  const auto turning =
+      std::find_if(two_views.pairs.begin(), two_views.pairs.end(), [&](const TwoView& view) {
+        return view.pair == ImagePair{ImageId(0), other};
+      });
+  if (turning == two_views.pairs.end()) return {};
+  TwoViews agreeing = two_views;
+  agreeing.pairs.erase(agreeing.pairs.begin() + (turning - two_views.pairs.begin()));
+  *turning = TurningMatches(world, other, turn_rad);
+  ThreadPool pool(2);
+  RunContext context{pool};
+  return FindAlternatives(model, world.features, two_views, agreeing, {}, {}, context);
+}
+
 TEST(AlternativePoses, NothingSpeaksForOneThatSeesTheSameThingsInOtherPlaces) {
   test::SyntheticOptions options;
   options.columns = 20;
   options.points = 4000;
   const test::SyntheticWorld world = test::MakeSyntheticWorld(options);
-  const Reconstruction truth = TrueReconstruction(world);
-  TwoViews two_views = world.two_views;
-  const auto turning = std::find_if(two_views.pairs.begin(), two_views.pairs.end(),
-                                    [](const TwoView& v) { return v.pair.first == ImageId(0); });
-  ASSERT_NE(turning, two_views.pairs.end());
-  TwoViews agreeing = two_views;
-  agreeing.pairs.erase(agreeing.pairs.begin() + (turning - two_views.pairs.begin()));
-  *turning = TurningMatches(world, turning->pair.second, RadFromDeg(15));
-  ThreadPool pool(2);
-  RunContext context{pool};
   const Alternatives alternatives =
-      FindAlternatives(truth, world.features, two_views, agreeing, {}, {}, context);
+      FindTurned(world, TrueReconstruction(world), world.two_views, ImageId(1), RadFromDeg(15));
   ASSERT_GE(alternatives.poses.size(), 1u);
   const AlternativePose& pose = alternatives.poses.front();
   ASSERT_EQ(pose.image, ImageId(0));
@@ -161,18 +167,8 @@ TEST(AlternativePoses, NothingSpeaksForOneThatShouldMeetNothing) {
   // Image 0 would stand a quarter of the ring farther, where no camera is within 30 degrees.
   Reconstruction model = TrueReconstruction(world);
   Unregister({ImageId(3), ImageId(4), ImageId(5), ImageId(6), ImageId(7)}, model);
-  const auto turning =
-      std::find_if(two_views.pairs.begin(), two_views.pairs.end(), [](const TwoView& v) {
-        return v.pair == ImagePair{ImageId(0), ImageId(2)};
-      });
-  ASSERT_NE(turning, two_views.pairs.end());
-  TwoViews agreeing = two_views;
-  agreeing.pairs.erase(agreeing.pairs.begin() + (turning - two_views.pairs.begin()));
-  *turning = TurningMatches(world, ImageId(2), RadFromDeg(-90));
-  ThreadPool pool(2);
-  RunContext context{pool};
   const Alternatives alternatives =
-      FindAlternatives(model, world.features, two_views, agreeing, {}, {}, context);
+      FindTurned(world, model, two_views, ImageId(2), RadFromDeg(-90));
   ASSERT_GE(alternatives.poses.size(), 1u);
   const AlternativePose& pose = alternatives.poses.front();
   ASSERT_EQ(pose.image, ImageId(0));
