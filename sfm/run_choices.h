@@ -29,8 +29,8 @@ struct RunChoices {
   Method method = Method::kTcSfm;
   Preset preset = Preset::kRig;
   PairSelection pairs = PairSelection::kExhaustive;
-  bool calibration_prior = false;         // PipelineOptions::calibration_prior
-  std::optional<bool> refine_intrinsics;  // likewise
+  bool calibration_prior = false;                        // PipelineOptions::calibration_prior
+  std::optional<bool> refine_intrinsics = std::nullopt;  // likewise
 
   /// kInvalidArgument, with the field's name as context: one that has no effect on the method.
   Status Validate() const;
