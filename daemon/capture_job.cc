@@ -241,7 +241,7 @@ class ShotWait {
   bool GoesOn(const Error& why) {
     why_ = why;
     const Error waits{ErrorCode::kIo,
-                      "is taken and waits for the disk (" + why.ToString() + "): make room there",
+                      std::string(kShotWaits) + " (" + why.ToString() + "): make room there",
                       "shot " + id_};
     context_.refuse_cancel(waits.ToString() + "; it is not given up");
     if (!since_) Begin(waits);

@@ -26,6 +26,8 @@ Status CheckSubject(const std::string& subject);
 
 /// The stage of a capture job whose shot is taken and that the disk refuses.
 inline constexpr char kWaitingForDisk[] = "waiting for the disk";
+/// What /v1/status says of such a shot, and the refusal of a cancel.
+inline constexpr char kShotWaits[] = "is taken and waits for the disk";
 
 /// Asked again and again while the disk refuses a shot, and told why; false: the shot is given up.
 using DiskPatience = std::function<bool(const Error& why)>;

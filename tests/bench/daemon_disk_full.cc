@@ -19,6 +19,7 @@
 #include <system_error>
 #include <utility>
 
+#include "daemon/capture_job.h"
 #include "tests/bench/daemon_checks.h"
 
 namespace rotunda::bench {
@@ -108,7 +109,7 @@ class FullDisk {
     Require(process_->Running(), "the daemon ended by itself:\n" + daemon_.Log());
     const nlohmann::json status = daemon_.Get("/v1/status");
     Require(status.is_object(), "it does not answer:\n" + daemon_.Log());
-    shots_in_memory_ += status["problems"].dump().find("cannot be written") != std::string::npos;
+    shots_in_memory_ += status["problems"].dump().find(daemon::kShotWaits) != std::string::npos;
     if (turn != Turn::kGoOn) Kill();
     if (turn == Turn::kKillAndStart) StartOnFullDisk();
     disk_.MakeRoom();

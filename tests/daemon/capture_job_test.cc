@@ -422,7 +422,7 @@ TEST_F(CaptureJobTest, WaitsForADiskThatRefusesAndIsNotCancelled) {
   const auto cancelled = queue_->Cancel(job);
   ASSERT_FALSE(cancelled.ok());
   EXPECT_EQ(cancelled.error().code, ErrorCode::kInvalidArgument);
-  EXPECT_NE(cancelled.error().message.find("is taken and waits for the disk"), std::string::npos);
+  EXPECT_NE(cancelled.error().message.find(kShotWaits), std::string::npos);
   EXPECT_NE(cancelled.error().message.find(Captures().string()), std::string::npos)
       << cancelled.error().message;
   EXPECT_EQ(FindJob(store(), job)->state, JobState::kRunning);
