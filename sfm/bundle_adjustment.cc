@@ -158,11 +158,15 @@ Result<BundleAdjustmentReport> AdjustBundle(Reconstruction& reconstruction,
 }
 
 double KeypointSigma_px(const Keypoint& keypoint) {
-  // sqrt(floor^2 + (slope x scale)^2), fitted to the residuals of adjusted photographs and
-  // renderings over the scale.
+  // The first two were fitted to the residuals of adjusted photographs and renderings over the
+  // scale. The third is what the middle of a blob on a curved surface goes by as it is seen from
+  // elsewhere (its square over the radius of curvature): little, but the same way for all of a
+  // surface, so that many do not make it less.
   constexpr double kFloor_px = 0.13;
   constexpr double kSlope = 0.052;
-  return std::hypot(kFloor_px, kSlope * keypoint.scale_px);
+  constexpr double kCurved_per_px = 0.1;
+  const double scale = keypoint.scale_px;
+  return std::hypot(kFloor_px, kSlope * scale, kCurved_per_px * scale * scale);
 }
 
 }  // namespace rotunda::sfm

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "sfm/bundle_adjustment.h"
@@ -19,7 +20,8 @@ constexpr Eigen::Index kGaugeSize = 7;
 /// if not the same corner at two scales: their errors are alike. Measured on rendered captures:
 /// correlation 0.3 to 0.4 within 0.4 %, 0.02 up to 2 %, under 0.01 beyond.
 constexpr double kAlikeWithin = 0.02;
-/// Standard deviations at which residuals are cut off before they are correlated.
+/// Standard deviations at which residuals are cut off, so that a few gross ones, of little weight
+/// in the adjustment, do not make the spread or the correlation.
 constexpr double kCut = 3.0;
 
 /// Where each pose and lens stands among the unknowns that remain once the points are eliminated.
@@ -127,54 +129,117 @@ void AddProduct(const Reduced& a, const Row& rows, const Reduced& b, const Row& 
   }
 }
 
-/// S += E^T E - E^T P (P^T P)^-1 P^T E for the rows E (unknowns) and P (point) of one point.
-void AddPoint(const Reconstruction& reconstruction, const Features& features, const Layout& layout,
-              const Point3& point, Normal& normal) {
+/// The rows E (unknowns) and P (point) of one point, and L^-1 P^T E with L L^T = P^T P: what of the
+/// unknowns the point takes up.
+struct ReducedPoint {
+  using Reduced = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kPoseSize + kMaxCameraParams>;
   std::vector<Row> rows;
+  std::vector<Reduced> reduced;    // by row
+  Eigen::Matrix3d inverse_factor;  // L^-1
+};
+
+/// nullopt: fewer than two images, or all in one line with the point.
+std::optional<ReducedPoint> ReducePoint(const Reconstruction& reconstruction,
+                                        const Features& features, const Layout& layout,
+                                        const Point3& point) {
+  ReducedPoint out;
   Eigen::Matrix3d point_normal = Eigen::Matrix3d::Zero();
   for (const Observation& observation : point.observations) {
     if (!reconstruction.Registered(observation.image)) continue;
-    rows.push_back(MakeRow(reconstruction, features, layout, point, observation));
-    point_normal += rows.back().by_point.transpose() * rows.back().by_point;
+    out.rows.push_back(MakeRow(reconstruction, features, layout, point, observation));
+    point_normal += out.rows.back().by_point.transpose() * out.rows.back().by_point;
   }
   const Eigen::LLT<Eigen::Matrix3d> cholesky(point_normal);
-  if (rows.size() < 2 || cholesky.info() != Eigen::Success) return;
-  const Eigen::Matrix3d inverse_factor =
-      cholesky.matrixL().solve(Eigen::Matrix3d(Eigen::Matrix3d::Identity()));
+  if (out.rows.size() < 2 || cholesky.info() != Eigen::Success) return std::nullopt;
+  out.inverse_factor = cholesky.matrixL().solve(Eigen::Matrix3d(Eigen::Matrix3d::Identity()));
+  for (const Row& row : out.rows) {
+    out.reduced.push_back(out.inverse_factor * row.by_point.transpose() * row.by_unknowns);
+  }
+  return out;
+}
+
+/// S += E^T E - E^T P (P^T P)^-1 P^T E.
+void AddNormal(const ReducedPoint& point, Normal& normal) {
   ++normal.points;
-  using Reduced = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kPoseSize + kMaxCameraParams>;
-  std::vector<Reduced> reduced;
-  for (const Row& row : rows) {
+  for (size_t i = 0; i < point.rows.size(); ++i) {
+    const Row& row = point.rows[i];
     normal.squares += row.residual.squaredNorm();
     ++normal.observations;
-    reduced.push_back(inverse_factor * row.by_point.transpose() * row.by_unknowns);
     AddProduct(row.by_unknowns, row, row.by_unknowns, row, normal.matrix);
-  }
-  for (size_t i = 0; i < rows.size(); ++i) {
-    for (size_t j = 0; j < rows.size(); ++j) {
-      AddProduct(Reduced(-reduced[i]), rows[i], reduced[j], rows[j], normal.matrix);
+    for (size_t j = 0; j < point.rows.size(); ++j) {
+      AddProduct(ReducedPoint::Reduced(-point.reduced[i]), row, point.reduced[j], point.rows[j],
+                 normal.matrix);
     }
   }
 }
 
-Normal SumNormal(const Reconstruction& reconstruction, const Features& features,
-                 const Layout& layout, RunContext& context) {
-  std::vector<Normal> partial(kChunks);
+/// M += g g^T with the gradient g = E^T r - E^T P (P^T P)^-1 P^T r of half the point's squared
+/// residuals r, each cut off at length `cut`.
+void AddGradients(const ReducedPoint& point, double cut, Eigen::MatrixXd& matrix) {
+  using Gradient =
+      Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kPoseSize + kMaxCameraParams>;
+  std::vector<Eigen::Vector2d> residuals;
+  Eigen::Vector3d taken_up = Eigen::Vector3d::Zero();
+  for (const Row& row : point.rows) {
+    residuals.push_back(row.residual * std::min(1.0, cut / std::max(row.residual.norm(), 1e-12)));
+    taken_up += point.inverse_factor * row.by_point.transpose() * residuals.back();
+  }
+  std::vector<Gradient> gradients;
+  for (size_t i = 0; i < point.rows.size(); ++i) {
+    gradients.push_back(residuals[i].transpose() * point.rows[i].by_unknowns -
+                        taken_up.transpose() * point.reduced[i]);
+  }
+  for (size_t i = 0; i < gradients.size(); ++i) {
+    for (size_t j = 0; j < gradients.size(); ++j) {
+      AddProduct(gradients[i], point.rows[i], gradients[j], point.rows[j], matrix);
+    }
+  }
+}
+
+/// One per chunk of the points; `add` gets each reduced point with the sum of its chunk.
+template <typename Sum, typename Add>
+std::vector<Sum> SumOverPoints(const Reconstruction& reconstruction, const Features& features,
+                               const Layout& layout, const Sum& zero, const Add& add,
+                               RunContext& context) {
+  std::vector<Sum> partial(kChunks, zero);
   const size_t count = reconstruction.points.size();
   context.threads.ParallelFor(kChunks, [&](size_t chunk) {
-    partial[chunk].matrix = Eigen::MatrixXd::Zero(layout.size, layout.size);
     for (size_t p = chunk * count / kChunks; p < (chunk + 1) * count / kChunks; ++p) {
-      AddPoint(reconstruction, features, layout, reconstruction.points[p], partial[chunk]);
+      const auto point = ReducePoint(reconstruction, features, layout, reconstruction.points[p]);
+      if (point) add(*point, partial[chunk]);
     }
   });
-  Normal sum = std::move(partial[0]);
-  for (size_t chunk = 1; chunk < kChunks; ++chunk) {
-    sum.matrix += partial[chunk].matrix;
-    sum.squares += partial[chunk].squares;
-    sum.observations += partial[chunk].observations;
-    sum.points += partial[chunk].points;
+  return partial;
+}
+
+Normal SumNormal(const Reconstruction& reconstruction, const Features& features,
+                 const Layout& layout, RunContext& context) {
+  Normal sum;
+  sum.matrix = Eigen::MatrixXd::Zero(layout.size, layout.size);
+  for (const Normal& partial :
+       SumOverPoints(reconstruction, features, layout, sum, AddNormal, context)) {
+    sum.matrix += partial.matrix;
+    sum.squares += partial.squares;
+    sum.observations += partial.observations;
+    sum.points += partial.points;
   }
   sum.matrix.triangularView<Eigen::StrictlyUpper>() = sum.matrix.transpose();
+  return sum;
+}
+
+/// Of all points: the spread of the gradient of the cost, whatever the residuals of one point have
+/// in common.
+Eigen::MatrixXd SumGradients(const Reconstruction& reconstruction, const Features& features,
+                             const Layout& layout, double cut, RunContext& context) {
+  const auto add = [cut](const ReducedPoint& point, Eigen::MatrixXd& matrix) {
+    AddGradients(point, cut, matrix);
+  };
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(layout.size, layout.size);
+  for (const Eigen::MatrixXd& partial :
+       SumOverPoints(reconstruction, features, layout, sum, add, context)) {
+    sum += partial;
+  }
+  sum.triangularView<Eigen::StrictlyUpper>() = sum.transpose();
   return sum;
 }
 
@@ -240,8 +305,7 @@ Result<Eigen::MatrixXd> ConstrainedInverse(const Eigen::MatrixXd& normal, const 
   return covariance;
 }
 
-/// One observation's error: in standard deviations of its keypoint over kCut, cut off at length 1,
-/// so that a few gross ones do not make the correlation.
+/// One observation's error: in standard deviations of its keypoint over kCut, cut off at length 1.
 struct PlacedResidual {
   Eigen::Vector2d pixel;
   Eigen::Vector2d residual;
@@ -330,8 +394,11 @@ Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstructio
                            ConstrainedInverse(normal.matrix, MakeGauge(reconstruction, layout)));
   PoseCovariances out;
   out.sigma0 = std::sqrt(normal.squares / redundancy);
-  covariance *=
-      out.sigma0 * out.sigma0 * CorrelationInflation(reconstruction, features, out.sigma0);
+  const double taken_by_poses =
+      (redundancy + static_cast<double>(layout.size - kGaugeSize)) / redundancy;
+  covariance =
+      taken_by_poses * CorrelationInflation(reconstruction, features, out.sigma0) * covariance *
+      SumGradients(reconstruction, features, layout, kCut * out.sigma0, context) * covariance;
   for (const Eigen::Index place : layout.pose) {
     out.images.push_back(place < 0 ? std::nullopt
                                    : std::optional<PoseCovariance>(

@@ -21,10 +21,15 @@ struct PoseCovariances {
                       // of KeypointSigma_px
 };
 
-/// From the Schur complement of the final normal equations over all poses (and lenses when
-/// refined), with the gauge fixed to the Sim(3) fit of the camera centres: the covariance of what
-/// is left after that fit (inner constraints; Triggs et al. 2000, section 9). Scaled by sigma0^2
-/// and by what the errors of neighbouring keypoints have in common.
+/// From the normal equations S of the final adjustment over all poses (and lenses when refined),
+/// points eliminated, with the gauge fixed to the Sim(3) fit of the camera centres: the covariance
+/// of what is left after that fit (inner constraints; Triggs et al. 2000, section 9). What the
+/// errors of one point have in common in all its images (a blob on a curved surface, a highlight, a
+/// wrong match) counts as such: S^-1 (sum over points of g g^T) S^-1 with the gradient g of each
+/// point's cost (White, Econometrica 1982; clusters: Liang & Zeger, Biometrika 1986). Such errors
+/// do not cancel out in what all cameras have in common, where they were seen to be three to four
+/// times the variance of independent ones. Times what the errors of neighbouring keypoints of a
+/// picture have in common.
 /// `intrinsics_refined`: whether the last adjustment moved the lenses (RefinesIntrinsics for a
 /// model of BuildReconstructions).
 Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstruction,

@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <functional>
 
 #include "sfm/bundle_adjustment.h"
 #include "tests/support/reconstruction_near.h"
@@ -75,61 +76,117 @@ class CovarianceFixture : public ::testing::Test {
 using CovarianceTest = CovarianceFixture;
 class MonteCarloTest : public CovarianceFixture, public ::testing::WithParamInterface<bool> {};
 
-TEST_P(MonteCarloTest, IsTheSpreadOfAdjustmentsOfNoisyPictures) {
-  constexpr int kDraws = 200;
-  const bool refined = GetParam();
-  const SyntheticWorld world = MakeSyntheticWorld(SmallRing());
+/// Per camera and for the first lens, means over draws of the squared error over the predicted
+/// variance.
+struct Spread {
+  std::vector<double> mahalanobis, rotation, position;
+  double focal = 0.0;
+  double sigma0 = 0.0;  // mean of some draws
+};
+
+/// The world with the errors of one draw.
+using Draw = std::function<SyntheticWorld(const SyntheticWorld& world, uint64_t seed)>;
+
+constexpr int kDraws = 200;
+
+/// Adjusts `world` with the errors of each draw; the prediction is made from one more.
+Spread SpreadOfAdjustments(const SyntheticWorld& world, const Draw& draw, bool refined,
+                           RunContext& context) {
   const Reconstruction truth = TrueReconstruction(world);
-  const auto predicted =
-      BuildPoseCovariances(truth, WithNoise(world, kSeed).features, refined, context_);
-  ASSERT_TRUE(predicted) << predicted.error().ToString();
-  const double expected_sigma0 =
-      kNoise_px / KeypointSigma_px(world.features.images[0].keypoints[0]);
-  BundleAdjustmentOptions adjustment;
-  adjustment.refine_intrinsics = refined;
-  adjustment.function_tolerance = 1e-9;
-  const size_t cameras = world.cam_from_world.size();
-  std::vector<double> mahalanobis(cameras, 0.0), rotation(cameras, 0.0), position(cameras, 0.0);
-  double focal = 0.0, sigma0 = 0.0;
-  for (int draw = 0; draw < kDraws; ++draw) {
-    const SyntheticWorld noisy = WithNoise(world, DeriveSeed(kSeed, draw));
+  BundleAdjustmentOptions options;
+  options.refine_intrinsics = refined;
+  options.function_tolerance = 1e-9;
+  const auto adjusted = [&](const SyntheticWorld& noisy) {
     Reconstruction model = truth;
-    ASSERT_TRUE(AdjustBundle(model, noisy.features, AllImages(world), adjustment, context_));
+    EXPECT_TRUE(AdjustBundle(model, noisy.features, AllImages(world), options, context));
+    return model;
+  };
+  const SyntheticWorld first = draw(world, kSeed);
+  const auto predicted = BuildPoseCovariances(adjusted(first), first.features, refined, context);
+  const size_t cameras = world.cam_from_world.size();
+  Spread spread{std::vector<double>(cameras), std::vector<double>(cameras),
+                std::vector<double>(cameras)};
+  for (int i = 0; i < kDraws; ++i) {
+    const SyntheticWorld noisy = draw(world, DeriveSeed(kSeed, i));
+    const Reconstruction model = adjusted(noisy);
     const auto errors = PoseErrorsAfterFit(model, world);
-    for (size_t i = 0; i < cameras; ++i) {
-      // The covariance scaled to the true noise: sigma0 is tested apart.
-      const PoseCovariance covariance =
-          *predicted->images[i] * std::pow(expected_sigma0 / predicted->sigma0, 2);
-      mahalanobis[i] += errors[i].dot(covariance.ldlt().solve(errors[i])) / kDraws;
-      rotation[i] +=
-          errors[i].head<3>().squaredNorm() / covariance.topLeftCorner<3, 3>().trace() / kDraws;
-      position[i] +=
-          errors[i].tail<3>().squaredNorm() / covariance.bottomRightCorner<3, 3>().trace() / kDraws;
+    for (size_t c = 0; c < cameras; ++c) {
+      const PoseCovariance& covariance = *predicted->images[c];
+      spread.mahalanobis[c] += errors[c].dot(covariance.ldlt().solve(errors[c])) / kDraws;
+      spread.rotation[c] +=
+          errors[c].head<3>().squaredNorm() / covariance.topLeftCorner<3, 3>().trace() / kDraws;
+      spread.position[c] +=
+          errors[c].tail<3>().squaredNorm() / covariance.bottomRightCorner<3, 3>().trace() / kDraws;
     }
-    focal +=
-        std::pow(model.intrinsics.lenses[0].params[0] - world.intrinsics.lenses[0].params[0], 2) /
+    const double sigma_px = predicted->focal_sigma_px[0].value_or(1.0);
+    spread.focal +=
+        std::pow((model.intrinsics.lenses[0].params[0] - world.intrinsics.lenses[0].params[0]) /
+                     sigma_px,
+                 2) /
         kDraws;
-    if (draw < 10) {
-      sigma0 += BuildPoseCovariances(model, noisy.features, refined, context_)->sigma0 / 10;
+    if (i < 10) {
+      spread.sigma0 += BuildPoseCovariances(model, noisy.features, refined, context)->sigma0 / 10;
     }
   }
-  EXPECT_NEAR(sigma0, expected_sigma0, 0.03 * expected_sigma0) << "seed " << kSeed;
-  for (size_t i = 0; i < cameras; ++i) {
+  EXPECT_EQ(predicted->focal_sigma_px[0].has_value(), refined);
+  return spread;
+}
+
+void ExpectAsPredicted(const Spread& spread) {
+  for (size_t i = 0; i < spread.mahalanobis.size(); ++i) {
     // Chi-square of 6 * 200 degrees of freedom: relative standard deviation sqrt(2 / 1200) = 0.041;
     // of a trace ratio at most sqrt(2 / 200) = 0.1. Four of them, over ten cameras.
-    EXPECT_NEAR(mahalanobis[i] / 6.0, 1.0, 4 * 0.041) << "camera " << i << " seed " << kSeed;
-    EXPECT_NEAR(rotation[i], 1.0, 0.4) << "camera " << i;
-    EXPECT_NEAR(position[i], 1.0, 0.4) << "camera " << i;
+    EXPECT_NEAR(spread.mahalanobis[i] / 6.0, 1.0, 4 * 0.041) << "camera " << i << " seed " << kSeed;
+    EXPECT_NEAR(spread.rotation[i], 1.0, 0.4) << "camera " << i;
+    EXPECT_NEAR(spread.position[i], 1.0, 0.4) << "camera " << i;
   }
-  ASSERT_EQ(predicted->focal_sigma_px[0].has_value(), refined);
-  if (!refined) return;
-  const double predicted_focal =
-      *predicted->focal_sigma_px[0] * expected_sigma0 / predicted->sigma0;
-  EXPECT_NEAR(focal / (predicted_focal * predicted_focal), 1.0, 0.4);
+}
+
+/// The spread is estimated from what the points of one picture show.
+SyntheticOptions RingOfManyPoints() {
+  SyntheticOptions options = SmallRing();
+  options.points = 1200;
+  return options;
+}
+
+TEST_P(MonteCarloTest, IsTheSpreadOfAdjustmentsOfNoisyPictures) {
+  const bool refined = GetParam();
+  const SyntheticWorld world = MakeSyntheticWorld(RingOfManyPoints());
+  const Spread spread = SpreadOfAdjustments(world, WithNoise, refined, context_);
+  ExpectAsPredicted(spread);
+  const double sigma0 = kNoise_px / KeypointSigma_px(world.features.images[0].keypoints[0]);
+  EXPECT_NEAR(spread.sigma0, sigma0, 0.03 * sigma0) << "seed " << kSeed;
+  if (refined) {
+    EXPECT_NEAR(spread.focal, 1.0, 0.4);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Lenses, MonteCarloTest, ::testing::Values(false, true),
                          [](const auto& info) { return info.param ? "Refined" : "Fixed"; });
+
+/// Noise, and each point drifts down or up the picture from one camera to the next, as a blob on a
+/// curved surface does.
+SyntheticWorld WithDriftingPoints(const SyntheticWorld& world, uint64_t seed) {
+  SyntheticWorld noisy = WithNoise(world, seed);
+  NormalRandom random(DeriveSeed(seed, 1));
+  for (const Point3& point : TrueReconstruction(world).points) {
+    const double drift_px = kNoise_px * random.Normal();  // a camera
+    const double first = static_cast<double>(point.observations.front().image.index());
+    const double cameras = static_cast<double>(world.cam_from_world.size());
+    for (const Observation& observation : point.observations) {
+      const size_t image = observation.image.index();
+      const double steps = std::remainder(static_cast<double>(image) - first, cameras);
+      noisy.features.images[image].keypoints[observation.keypoint.index()].y_px +=
+          static_cast<float>(drift_px * steps);
+    }
+  }
+  return noisy;
+}
+
+TEST_F(CovarianceTest, ErrorsThatImagesOfAPointHaveInCommonDoNotCountAsIndependent) {
+  ExpectAsPredicted(SpreadOfAdjustments(MakeSyntheticWorld(RingOfManyPoints()), WithDriftingPoints,
+                                        false, context_));
+}
 
 TEST_F(CovarianceTest, DoesNotDependOnTheFrameOfTheModel) {
   const SyntheticWorld world = WithNoise(MakeSyntheticWorld(SmallRing()), kSeed);
