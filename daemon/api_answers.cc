@@ -98,6 +98,12 @@ Result<Page> PageOf(const ApiRequest& request) {
   return page;
 }
 
+Result<nlohmann::json> BodyObject(const std::string& body) {
+  ROTUNDA_ASSIGN_OR_RETURN(nlohmann::json json, ParseJson(body.empty() ? "{}" : body, "body"));
+  if (!json.is_object()) return Error{ErrorCode::kBadInput, "expected a JSON object", "body"};
+  return json;
+}
+
 HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& body,
                        const ApiRequest& request) {
   const auto given = request.http.headers.find("idempotency-key");
@@ -107,11 +113,9 @@ HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& b
                             std::to_string(kMaxKeyLength) +
                             " printable ASCII characters without spaces, or no such header");
   }
-  const std::string text = body.empty() ? "{}" : body;
-  if (const auto json = ParseJson(text, "body"); !json) {
-    return Problem(400, json.error().ToString());
-  }
-  const Result<JobRecord> job = parts.jobs.Submit(kind, text, key);
+  const Result<nlohmann::json> object = BodyObject(body);
+  if (!object) return Problem(400, object.error().ToString());
+  const Result<JobRecord> job = parts.jobs.Submit(kind, body.empty() ? "{}" : body, key);
   if (!job) return Refusal(job.error());
   HttpResponse response = JsonAnswer(ToJson(*job), 202);
   response.headers.emplace_back("Location", "/v1/jobs/" + std::to_string(job->number));

@@ -204,10 +204,8 @@ HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& reques
   if (const Status there = CheckCapture(parts.store, id, request); !there.ok()) {
     return Problem(there.error());
   }
-  const std::string& text = request.http.body;
-  Result<nlohmann::json> body = ParseJson(text.empty() ? "{}" : text, "body");
+  Result<nlohmann::json> body = BodyObject(request.http.body);
   if (!body) return Problem(400, body.error().ToString());
-  if (!body->is_object()) return Problem(400, "body: expected a JSON object");
   if (body->contains("capture")) {
     return Problem(422, "body: 'capture' is not known here; the path says which");
   }

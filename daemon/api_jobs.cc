@@ -13,11 +13,13 @@ constexpr size_t kEventsAtOnce = 100;
 // How long a client is to wait before it connects again.
 constexpr int kRetry_ms = 2000;
 
-/// nullopt: no number from 0 on that fits.
+/// nullopt: no number from 0 on that fits, written as we do.
 std::optional<int64_t> Number(const std::string& text) {
   int64_t number = 0;
+  const bool is_padded = text.size() > 1 && text.front() == '0';
   const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (failure != std::errc() || end != text.data() + text.size() || number < 0) return std::nullopt;
+  if (is_padded || failure != std::errc() || end != text.data() + text.size() || number < 0)
+    return std::nullopt;
   return number;
 }
 

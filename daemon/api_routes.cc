@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <string_view>
 #include <utility>
 
 #include "daemon/http_problem.h"
@@ -87,6 +88,20 @@ std::string MediaType(const std::string& content_type) {
   return type;
 }
 
+/// Of a Content-Type: its parameter charset in lower case, without quotes; "utf-8" when it has
+/// none.
+std::string Charset(const std::string& content_type) {
+  std::string parameters = content_type;
+  for (char& c : parameters) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  constexpr std::string_view kName = "charset=";
+  const size_t at = parameters.find(kName);
+  if (at == std::string::npos) return "utf-8";
+  std::string charset = parameters.substr(at + kName.size());
+  charset = charset.substr(0, charset.find_first_of("; \t"));
+  std::erase(charset, '"');
+  return charset;
+}
+
 /// nullopt: the body is of the kind that the route takes.
 std::optional<HttpResponse> BodyProblem(const Route& route, const HttpRequest& request) {
   if (request.body.empty()) return std::nullopt;
@@ -94,6 +109,14 @@ std::optional<HttpResponse> BodyProblem(const Route& route, const HttpRequest& r
   const std::string type = request.Header("content-type");
   // curl's --data says "form" unless told otherwise; the body is parsed as JSON or refused anyway.
   const std::string kind = MediaType(type);
+  const std::string encoding = request.Header("content-encoding");
+  if (!encoding.empty() && encoding != "identity") {
+    return Problem(415, "Content-Encoding is '" + encoding + "', expected none");
+  }
+  const std::string charset = Charset(type);
+  if (charset != "utf-8" && charset != "us-ascii") {
+    return Problem(415, "Content-Type has the charset '" + charset + "', expected utf-8");
+  }
   if (kind.empty() || kind == "application/json" || kind == "application/x-www-form-urlencoded") {
     return std::nullopt;
   }

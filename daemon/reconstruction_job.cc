@@ -18,15 +18,16 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 std::string ResultOf(const ReconstructionRecord& record, const std::vector<std::string>& notes) {
-  const Json result = {{"reconstruction", record.id},
-                       {"capture", record.capture},
-                       {"prior", record.prior},
-                       {"registered", record.registered},
-                       {"of", record.of},
-                       {"rms_px", record.rms_px},
-                       {"verdict", record.verdict},
-                       {"verdict_reason", record.verdict_reason},
-                       {"notes", notes}};
+  Json result = {
+      {"reconstruction", record.id}, {"capture", record.capture}, {"method", record.method}};
+  if (!record.preset.empty()) result["preset"] = record.preset;
+  result.update({{"prior", record.prior},
+                 {"registered", record.registered},
+                 {"of", record.of},
+                 {"rms_px", record.rms_px},
+                 {"verdict", record.verdict},
+                 {"verdict_reason", record.verdict_reason},
+                 {"notes", notes}});
   return result.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 

@@ -196,6 +196,7 @@ std::map<std::string, std::string> DescribeOptions(const Run& run, bool refine_i
       {"seed", std::to_string(run.context.seed)}};
   if (run.options.method != Method::kPlain) described[kPresetOption] = run.options.preset;
   if (run.options.calibration_prior) described[kPriorOption] = NameIn(PriorsByName(), true);
+  if (!run.options.front_camera.empty()) described["front"] = run.options.front_camera;
   for (const auto& [name, value] : run.options.settings) described["set " + name] = value;
   return described;
 }
@@ -322,13 +323,15 @@ void NoteDoubtfulSides(const FrameSet& set, const TcSfmResult& result,
   }
 }
 
+/// Of those that have a pose: what little others show may be wrong matches.
 void NoteUnusedPrior(const FrameSet& set, const TcSfmResult& result,
                      std::vector<std::string>& notes) {
-  if (result.not_as_calibrated.empty()) return;
   std::vector<std::string> names;
   for (const ImageId image : result.not_as_calibrated) {
+    if (!result.models.models.front().Registered(image)) continue;
     names.push_back(set.frames[image.index()].camera);
   }
+  if (names.empty()) return;
   notes.push_back(
       "the calibration was no prior for cameras whose pictures contradict it (moved, "
       "swapped?): " +
@@ -345,9 +348,11 @@ size_t FrameOf(const FrameSet& set, const std::string& camera) {
 void NameSides(const Run& run, const Reconstruction& model, PoseSet& poses,
                std::vector<std::string>& notes) {
   const std::string& front = run.options.front_camera;
-  if (AddSides(model, ImageId(FrameOf(run.set, front)), poses)) return;
-  notes.push_back("no sides: camera " + front +
-                  " is not registered, or the cameras do not stand upright around the subject");
+  const ImageId image(FrameOf(run.set, front));
+  if (AddSides(model, image, poses)) return;
+  notes.push_back(model.Registered(image)
+                      ? "no sides: the cameras do not stand upright around the subject"
+                      : "no sides: camera " + front + " has no pose");
 }
 
 /// Nobody would miss them otherwise.

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "sfm/camera_ring.h"
+#include "sfm/core/name_list.h"
 
 namespace rotunda::sfm {
 namespace {
@@ -48,16 +49,12 @@ FarOff FindFarOff(const RigAlignment& alignment) {
   return far_off;
 }
 
-std::string Cameras(size_t count) {
-  return std::to_string(count) + (count == 1 ? " camera" : " cameras");
-}
-
 std::string FoldedReason(const FarOff& far_off) {
   if (far_off.NoneFits()) {
     return "not even half of the cameras stand to one another as calibrated (folded into several "
            "layers, or the calibration is another rig's)";
   }
-  return Cameras(far_off.opposite.size()) +
+  return CountOfCameras(far_off.opposite.size()) +
          " on the wrong side, far from where the calibration has them";
 }
 
@@ -81,7 +78,7 @@ void JudgeFarOff(const FarOff& far_off, bool disagrees, PoseSummary& summary) {
     summary.verdict_reason = FoldedReason(far_off);
   } else if (!far_off.cameras.empty()) {
     if (summary.verdict != VerdictName(Verdict::kFolded)) summary.folded.reset();
-    MakeUnsure(Cameras(far_off.cameras.size()) +
+    MakeUnsure(CountOfCameras(far_off.cameras.size()) +
                    " far from where the calibration has them: mounted elsewhere, calibrated "
                    "otherwise, or on the wrong side",
                summary);

@@ -87,7 +87,10 @@ int Main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {
-    return app.exit(help);
+    const std::vector<std::string> unknown = app.remaining();
+    if (unknown.empty() || !app.get_subcommands().empty()) return app.exit(help);
+    std::fprintf(stderr, "rotunda: '%s' is not known (see --help)\n", unknown.front().c_str());
+    return kWrongUsage;
   } catch (const CLI::ParseError& wrong) {
     const std::string what = NameUnknownWord(app, wrong);
     std::fprintf(stderr, "rotunda: %s (see --help)\n", what.c_str());

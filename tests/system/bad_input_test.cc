@@ -413,6 +413,7 @@ TEST(WrongUsage, EveryRowExitsWithTwo) {
 TEST(WrongUsage, NamesTheWordThatIsNotKnown) {
   const std::vector<std::pair<std::string, std::vector<std::string>>> rows = {
       {"'reconstrct' is not known", {"reconstrct", "somewhere", "--out", "x"}},
+      {"'reconstructions' is not known", {"reconstructions", "--help"}},
       {"'--ot' is not known", {"reconstruct", "somewhere", "--ot", "x"}},
       {"'--thruth' is not known", {"evaluate", "poses.json", "--thruth", "truth.json"}},
       {"--truth is required", {"evaluate", "poses.json", "truth.json"}},
