@@ -844,14 +844,14 @@ TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
        {"/v1/captures/x", "/v1/captures/x/poses", "/v1/captures/x/export?format=ply",
         "/v1/captures/x/frames/c0.png", "/v1/captures/20260101T100000Z/frames/c9.png",
         "/v1/calibrations/x", "/v1/calibrations/x/calibration.json", "/v1/reconstructions/x",
-        "/v1/jobs/999", "/v1/jobs/01", "/v1/cameras/c0", "/v1/cameras/c0/preview.jpg",
-        "/v1/drift?camera=c9"}) {
+        "/v1/jobs/999", "/v1/cameras/c0", "/v1/cameras/c0/preview.jpg", "/v1/drift?camera=c9"}) {
     const HttpResponse answer = Get(target);
     EXPECT_EQ(answer.status, 404) << target;
     Checked(answer, "Problem");
   }
   EXPECT_EQ(Call("POST", "/v1/calibrations/x/activate").status, 404);
   EXPECT_EQ(Call("DELETE", "/v1/jobs/999").status, 404);
+  EXPECT_EQ(Get("/v1/jobs/01").status, 400) << "no number of a job is written so";
   EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export").status, 400) << "which format?";
   EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export?format=vrml").status, 400);
   test::WriteTinyFrameSet(state_.store().CaptureFolder("new"), "2026-01-02T10:00:00Z");
