@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <optional>
-#include <string_view>
 #include <utility>
 
 #include "daemon/http_problem.h"
@@ -78,49 +77,42 @@ std::string QueryProblem(const Route& route, const std::map<std::string, std::st
   return "";
 }
 
+std::string InLowerCase(std::string text) {
+  for (char& c : text) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return text;
+}
+
 /// Of a Content-Type without its parameters, in lower case: "application/json".
 std::string MediaType(const std::string& content_type) {
   constexpr char kBlank[] = " \t";
   std::string type = content_type.substr(0, content_type.find(';'));
   type.erase(0, type.find_first_not_of(kBlank));
   type.erase(type.find_last_not_of(kBlank) + 1);
-  for (char& c : type) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return type;
+  return InLowerCase(type);
 }
 
-/// Of a Content-Type: its parameter charset in lower case, without quotes; "utf-8" when it has
-/// none.
-std::string Charset(const std::string& content_type) {
-  std::string parameters = content_type;
-  for (char& c : parameters) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  constexpr std::string_view kName = "charset=";
-  const size_t at = parameters.find(kName);
-  if (at == std::string::npos) return "utf-8";
-  std::string charset = parameters.substr(at + kName.size());
-  charset = charset.substr(0, charset.find_first_of("; \t"));
-  std::erase(charset, '"');
-  return charset;
+HttpResponse NotOfTheKind(const std::string& why, const std::string& header,
+                          const std::string& expected) {
+  HttpResponse response = Problem(415, why + ", expected " + expected);
+  response.headers.emplace_back(header, expected);
+  return response;
 }
 
 /// nullopt: the body is of the kind that the route takes.
 std::optional<HttpResponse> BodyProblem(const Route& route, const HttpRequest& request) {
   if (request.body.empty()) return std::nullopt;
   if (route.request_schema.empty()) return Problem(400, "body: this request takes none");
-  const std::string type = request.Header("content-type");
-  // curl's --data says "form" unless told otherwise; the body is parsed as JSON or refused anyway.
-  const std::string kind = MediaType(type);
   const std::string encoding = request.Header("content-encoding");
-  if (!encoding.empty() && encoding != "identity") {
-    return Problem(415, "Content-Encoding is '" + encoding + "', expected none");
+  if (!encoding.empty() && InLowerCase(encoding) != "identity") {
+    return NotOfTheKind("Content-Encoding is '" + encoding + "'", "Accept-Encoding", "identity");
   }
-  const std::string charset = Charset(type);
-  if (charset != "utf-8" && charset != "us-ascii") {
-    return Problem(415, "Content-Type has the charset '" + charset + "', expected utf-8");
-  }
+  const std::string type = request.Header("content-type");
+  const std::string kind = MediaType(type);
+  // curl's --data says "form" unless told otherwise; the body is parsed as JSON or refused anyway.
   if (kind.empty() || kind == "application/json" || kind == "application/x-www-form-urlencoded") {
     return std::nullopt;
   }
-  return Problem(415, "Content-Type is '" + type + "', expected application/json");
+  return NotOfTheKind("Content-Type is '" + type + "'", "Accept", "application/json");
 }
 
 }  // namespace

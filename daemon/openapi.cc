@@ -48,7 +48,7 @@ Json Parameters(const Route& route) {
                           {"in", "header"},
                           {"description", "Begin after this event."},
                           {"required", false},
-                          {"schema", {{"type", "string"}, {"pattern", "^[0-9]{1,18}$"}}}});
+                          {"schema", {{"type", "string"}, {"pattern", "^(0|[1-9][0-9]{0,17})$"}}}});
   }
   return parameters;
 }

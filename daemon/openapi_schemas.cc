@@ -171,7 +171,7 @@ const char kOpenApiSchemas[] = R"json({
  "Prior": {"enum": ["calibration", "none"], "description":
   "Of the method tc-sfm. calibration: calibrated poses help to tell look-alike sides apart where the pictures show nothing that does; the result is then no evidence of where cameras stand, and not used for drift. Default: none"},
  "CaptureRequest": {"type": "object", "required": [], "properties": {"subject": {"type": "string",
-  "description": "Whom or what the pictures show: at most 200 bytes of UTF-8 without control characters"}, "reconstruct": {"type": "boolean",
+  "description": "Whom or what the pictures show: at most 200 bytes of UTF-8 without control characters, also none that break lines or turn the direction of writing"}, "reconstruct": {"type": "boolean",
   "description": "Default true; with false neither preset nor prior may be given (422)"}, "preset": {"$ref": "#/components/schemas/Preset"},
   "prior": {"$ref": "#/components/schemas/Prior"}}, "additionalProperties": false},
  "CalibrationRequest": {"type": "object", "required": ["captures"],

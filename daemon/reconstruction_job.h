@@ -28,9 +28,9 @@ struct ReconstructionTask {
 Result<sfm::PipelineResult> MakeReconstruction(const ReconstructionTask& task, RunContext& context);
 
 /// Jobs with bodies as ReconstructionRequest. Without a calibration the one that was in force at
-/// the capture is taken. Result: {"reconstruction", "capture", "prior", "registered", "of",
-/// "rms_px", "verdict", "verdict_reason", "notes"}. `threads` 0: the machine's cores. `store`
-/// outlives the handler.
+/// the capture is taken. Result: {"reconstruction", "capture", "method", "preset" (when it has
+/// one), "prior", "registered", "of", "rms_px", "verdict", "verdict_reason", "notes"}. `threads` 0:
+/// the machine's cores. `store` outlives the handler.
 JobHandler MakeReconstructionHandler(Store& store, int threads);
 
 }  // namespace rotunda::daemon

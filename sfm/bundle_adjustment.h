@@ -28,7 +28,7 @@ struct BundleAdjustmentReport {
 
 /// Minimises the reprojection error over the poses of `free_images`, the points they see and, if
 /// asked for, their lenses. An observation's residual is divided by KeypointSigma_px, so the cost
-/// is in units of the keypoint noise. Poses of other images stay; when fewer than two of them see
+/// is in units of that. Poses of other images stay; when fewer than two of them see
 /// the points, the gauge is fixed on the first of them (pose) and the farthest free one from it
 /// (distance along the line between them). Points with fewer than two registered observations are
 /// left alone. Focal lengths stay within 0.3 and 5 times the larger side. Fixed lenses of up to 150
@@ -40,8 +40,8 @@ Result<BundleAdjustmentReport> AdjustBundle(Reconstruction& reconstruction,
                                             const BundleAdjustmentOptions& options,
                                             RunContext& context);
 
-/// Standard deviation of a keypoint's position that weighs its residuals: SIFT localises a blob the
-/// worse the larger it is.
+/// What a keypoint's residuals are divided by: its noise, as SIFT localises a blob the worse the
+/// larger it is, and what large ones err by all alike.
 double KeypointSigma_px(const Keypoint& keypoint);
 
 }  // namespace rotunda::sfm

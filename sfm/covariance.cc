@@ -106,6 +106,7 @@ Row MakeRow(const Reconstruction& reconstruction, const Features& features, cons
 /// The lower triangle of the reduced normal matrix, and the residuals.
 struct Normal {
   Eigen::MatrixXd matrix;
+  Eigen::VectorXd redundancy;  // by registered image: what its points leave of its residuals
   double squares = 0;
   size_t observations = 0;
   size_t points = 0;
@@ -165,6 +166,8 @@ void AddNormal(const ReducedPoint& point, Normal& normal) {
     const Row& row = point.rows[i];
     normal.squares += row.residual.squaredNorm();
     ++normal.observations;
+    const double taken_by_point = (point.inverse_factor * row.by_point.transpose()).squaredNorm();
+    normal.redundancy[row.pose.place / kPoseSize] += 2.0 - taken_by_point;
     AddProduct(row.by_unknowns, row, row.by_unknowns, row, normal.matrix);
     for (size_t j = 0; j < point.rows.size(); ++j) {
       AddProduct(ReducedPoint::Reduced(-point.reduced[i]), row, point.reduced[j], point.rows[j],
@@ -173,15 +176,23 @@ void AddNormal(const ReducedPoint& point, Normal& normal) {
   }
 }
 
+/// How a point's residuals enter its gradient.
+struct ResidualRule {
+  double cut;             // longer ones are cut off there
+  Eigen::VectorXd scale;  // by registered image: makes up for what its own pose has taken
+};
+
 /// M += g g^T with the gradient g = E^T r - E^T P (P^T P)^-1 P^T r of half the point's squared
-/// residuals r, each cut off at length `cut`.
-void AddGradients(const ReducedPoint& point, double cut, Eigen::MatrixXd& matrix) {
+/// residuals r.
+void AddGradients(const ReducedPoint& point, const ResidualRule& rule, Eigen::MatrixXd& matrix) {
   using Gradient =
       Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kPoseSize + kMaxCameraParams>;
   std::vector<Eigen::Vector2d> residuals;
   Eigen::Vector3d taken_up = Eigen::Vector3d::Zero();
   for (const Row& row : point.rows) {
-    residuals.push_back(row.residual * std::min(1.0, cut / std::max(row.residual.norm(), 1e-12)));
+    const double length = std::max(row.residual.norm(), 1e-12);
+    residuals.push_back(row.residual * std::min(1.0, rule.cut / length) *
+                        rule.scale[row.pose.place / kPoseSize]);
     taken_up += point.inverse_factor * row.by_point.transpose() * residuals.back();
   }
   std::vector<Gradient> gradients;
@@ -216,9 +227,12 @@ Normal SumNormal(const Reconstruction& reconstruction, const Features& features,
                  const Layout& layout, RunContext& context) {
   Normal sum;
   sum.matrix = Eigen::MatrixXd::Zero(layout.size, layout.size);
+  sum.redundancy =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(RegisteredCount(reconstruction)));
   for (const Normal& partial :
        SumOverPoints(reconstruction, features, layout, sum, AddNormal, context)) {
     sum.matrix += partial.matrix;
+    sum.redundancy += partial.redundancy;
     sum.squares += partial.squares;
     sum.observations += partial.observations;
     sum.points += partial.points;
@@ -230,9 +244,9 @@ Normal SumNormal(const Reconstruction& reconstruction, const Features& features,
 /// Of all points: the spread of the gradient of the cost, whatever the residuals of one point have
 /// in common.
 Eigen::MatrixXd SumGradients(const Reconstruction& reconstruction, const Features& features,
-                             const Layout& layout, double cut, RunContext& context) {
-  const auto add = [cut](const ReducedPoint& point, Eigen::MatrixXd& matrix) {
-    AddGradients(point, cut, matrix);
+                             const Layout& layout, const ResidualRule& rule, RunContext& context) {
+  const auto add = [&rule](const ReducedPoint& point, Eigen::MatrixXd& matrix) {
+    AddGradients(point, rule, matrix);
   };
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(layout.size, layout.size);
   for (const Eigen::MatrixXd& partial :
@@ -241,6 +255,13 @@ Eigen::MatrixXd SumGradients(const Reconstruction& reconstruction, const Feature
   }
   sum.triangularView<Eigen::StrictlyUpper>() = sum.transpose();
   return sum;
+}
+
+/// sqrt(r / (r - 6)) for the redundancy r of each image (HC1 of MacKinnon & White 1985, image by
+/// image): an image that few points hold has fitted its pose to their errors.
+Eigen::VectorXd ScaleForOwnPose(const Eigen::VectorXd& redundancy) {
+  const auto own = static_cast<double>(kPoseSize);
+  return (redundancy.array() / (redundancy.array() - own).max(1.0)).sqrt();
 }
 
 /// The seven directions the data cannot see (columns of `free`: three shifts, three turns and the
@@ -394,11 +415,9 @@ Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstructio
                            ConstrainedInverse(normal.matrix, MakeGauge(reconstruction, layout)));
   PoseCovariances out;
   out.sigma0 = std::sqrt(normal.squares / redundancy);
-  const double taken_by_poses =
-      (redundancy + static_cast<double>(layout.size - kGaugeSize)) / redundancy;
-  covariance =
-      taken_by_poses * CorrelationInflation(reconstruction, features, out.sigma0) * covariance *
-      SumGradients(reconstruction, features, layout, kCut * out.sigma0, context) * covariance;
+  const ResidualRule rule{kCut * out.sigma0, ScaleForOwnPose(normal.redundancy)};
+  covariance = CorrelationInflation(reconstruction, features, out.sigma0) * covariance *
+               SumGradients(reconstruction, features, layout, rule, context) * covariance;
   for (const Eigen::Index place : layout.pose) {
     out.images.push_back(place < 0 ? std::nullopt
                                    : std::optional<PoseCovariance>(

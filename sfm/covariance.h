@@ -17,8 +17,8 @@ using PoseCovariance = Eigen::Matrix<double, 6, 6>;
 struct PoseCovariances {
   std::vector<std::optional<PoseCovariance>> images;  // by ImageId; nullopt: not registered
   std::vector<std::optional<double>> focal_sigma_px;  // by lens; nullopt: not refined or not used
-  double sigma0 = 0;  // root of (weighted squared residuals / redundancy): keypoint noise in units
-                      // of KeypointSigma_px
+  double sigma0 = 0;  // root of (weighted squared residuals / redundancy): residuals in units of
+                      // KeypointSigma_px
 };
 
 /// From the normal equations S of the final adjustment over all poses (and lenses when refined),
@@ -26,10 +26,10 @@ struct PoseCovariances {
 /// of what is left after that fit (inner constraints; Triggs et al. 2000, section 9). What the
 /// errors of one point have in common in all its images (a blob on a curved surface, a highlight, a
 /// wrong match) counts as such: S^-1 (sum over points of g g^T) S^-1 with the gradient g of each
-/// point's cost (White, Econometrica 1982; clusters: Liang & Zeger, Biometrika 1986). Such errors
-/// do not cancel out in what all cameras have in common, where they were seen to be three to four
-/// times the variance of independent ones. Times what the errors of neighbouring keypoints of a
-/// picture have in common.
+/// point's squared residuals (White, Econometrica 1982; clusters: Liang & Zeger, Biometrika 1986),
+/// these cut off at three sigma0, as the adjustment's loss makes little of more. On rendered bodies
+/// the variance of what all cameras have in common was so three to four times that of independent
+/// errors. Times what the errors of neighbouring keypoints of a picture have in common.
 /// `intrinsics_refined`: whether the last adjustment moved the lenses (RefinesIntrinsics for a
 /// model of BuildReconstructions).
 Result<PoseCovariances> BuildPoseCovariances(const Reconstruction& reconstruction,

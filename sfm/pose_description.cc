@@ -6,7 +6,7 @@
 #include <map>
 
 #include "sfm/camera_ring.h"
-#include "sfm/core/name_list.h"
+#include "sfm/core/html_text.h"
 
 namespace rotunda::sfm {
 namespace {
@@ -54,7 +54,7 @@ std::string FoldedReason(const FarOff& far_off) {
     return "not even half of the cameras stand to one another as calibrated (folded into several "
            "layers, or the calibration is another rig's)";
   }
-  return CountOfCameras(far_off.opposite.size()) +
+  return Counted(far_off.opposite.size(), "camera") +
          " on the wrong side, far from where the calibration has them";
 }
 
@@ -78,7 +78,7 @@ void JudgeFarOff(const FarOff& far_off, bool disagrees, PoseSummary& summary) {
     summary.verdict_reason = FoldedReason(far_off);
   } else if (!far_off.cameras.empty()) {
     if (summary.verdict != VerdictName(Verdict::kFolded)) summary.folded.reset();
-    MakeUnsure(CountOfCameras(far_off.cameras.size()) +
+    MakeUnsure(Counted(far_off.cameras.size(), "camera") +
                    " far from where the calibration has them: mounted elsewhere, calibrated "
                    "otherwise, or on the wrong side",
                summary);

@@ -7,7 +7,7 @@
 
 #include "sfm/agreeing_matches.h"
 #include "sfm/camera_ring.h"
-#include "sfm/core/name_list.h"
+#include "sfm/core/html_text.h"
 #include "sfm/tracks.h"
 #include "sfm/unfolding.h"
 
@@ -283,8 +283,9 @@ std::string GapReason(double gap_deg, const Reconstruction& model) {
   const size_t lost = model.cam_from_model.size() - RegisteredCount(model);
   return "no camera stands in " + std::to_string(std::lround(gap_deg)) +
          " of the 360 deg around the subject, as in a folded reconstruction" +
-         (lost > 0 ? ", and " + CountOfCameras(lost) + (lost == 1 ? " has" : " have") + " no pose"
-                   : "") +
+         (lost > 0
+              ? ", and " + Counted(lost, "camera") + (lost == 1 ? " has" : " have") + " no pose"
+              : "") +
          " (for cameras that do not surround it there is the preset internet)";
 }
 
@@ -308,7 +309,7 @@ std::string ReasonFor(const TcSfmResult& result, double gain, ToldApart told_apa
     return "parts of the subject look alike and nothing tells them apart";
   }
   if (!result.doubtful.empty()) {
-    return CountOfCameras(result.doubtful.size()) + " may be on the look-alike side";
+    return Counted(result.doubtful.size(), "camera") + " may be on the look-alike side";
   }
   if (result.models.models.size() > 1) {
     return "the reconstruction is in " + std::to_string(result.models.models.size()) + " pieces";

@@ -19,8 +19,4 @@ std::string Joined(const std::vector<std::string>& names) {
   return text;
 }
 
-std::string CountOfCameras(size_t count) {
-  return std::to_string(count) + (count == 1 ? " camera" : " cameras");
-}
-
 }  // namespace rotunda

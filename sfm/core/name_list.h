@@ -15,9 +15,6 @@ std::string ListOfNames(const std::vector<std::string>& names);
 /// All of them: "c01, c02".
 std::string Joined(const std::vector<std::string>& names);
 
-/// "1 camera", "3 cameras".
-std::string CountOfCameras(size_t count);
-
 /// The names of values that are known by name.
 template <typename T>
 std::vector<std::string> NamesIn(const std::map<std::string, T>& by_name) {

@@ -15,10 +15,13 @@ struct ControlCharacter {
   size_t bytes = 1;
 };
 
+bool Continues(char byte) { return (static_cast<uint8_t>(byte) & 0xC0) == 0x80; }
+
 /// The code of the three bytes from `at` on when it breaks lines or turns the direction of writing:
 /// U+2028 to U+202E, U+2066 to U+2069; 0 when it does not.
 uint32_t LayoutControl(std::string_view text, size_t at) {
   if (text.size() - at < 3 || static_cast<uint8_t>(text[at]) != 0xE2) return 0;
+  if (!Continues(text[at + 1]) || !Continues(text[at + 2])) return 0;
   const uint32_t code = 0x2000 + ((static_cast<uint8_t>(text[at + 1]) & 0x3Fu) << 6) +
                         (static_cast<uint8_t>(text[at + 2]) & 0x3Fu);
   const bool controls = (code >= 0x2028 && code <= 0x202E) || (code >= 0x2066 && code <= 0x2069);

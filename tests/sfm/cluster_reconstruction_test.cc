@@ -131,8 +131,7 @@ TEST_F(ClusterTest, SaysWhyThereIsNoModel) {
   correction.parts = {{0, ImagesFromTo(0, 4)}};
   const auto failed = Build(look, correction, {});
   ASSERT_FALSE(failed);
-  EXPECT_EQ(failed.error().message,
-            "no cluster of pictures gives a model: no two pictures match");
+  EXPECT_EQ(failed.error().message, "no cluster of pictures gives a model: no two pictures match");
 }
 
 TEST_F(ClusterTest, AClusterWithoutAModelDoesNotFailTheRest) {

@@ -76,69 +76,76 @@ class CovarianceFixture : public ::testing::Test {
 using CovarianceTest = CovarianceFixture;
 class MonteCarloTest : public CovarianceFixture, public ::testing::WithParamInterface<bool> {};
 
-/// Per camera and for the first lens, means over draws of the squared error over the predicted
-/// variance.
+/// Over draws of a world's errors: what the errors of adjusted poses are, as a share of what was
+/// predicted from the same pictures.
 struct Spread {
-  std::vector<double> mahalanobis, rotation, position;
-  double focal = 0.0;
-  double sigma0 = 0.0;  // mean of some draws
+  std::vector<double> mahalanobis;         // by camera: mean squared distance
+  std::vector<double> rotation, position;  // by camera: sum of squares / sum of variances
+  double focal = 0.0;                      // likewise, of the first lens
+  double sigma0 = 0.0;                     // mean
 };
 
-/// The world with the errors of one draw.
-using Draw = std::function<SyntheticWorld(const SyntheticWorld& world, uint64_t seed)>;
+struct Experiment {
+  SyntheticWorld world;
+  Reconstruction truth;
+  /// The world with the errors of one draw.
+  std::function<SyntheticWorld(const SyntheticWorld& world, uint64_t seed)> draw;
+  bool refined = false;
+};
 
 constexpr int kDraws = 200;
 
-/// Adjusts `world` with the errors of each draw; the prediction is made from one more.
-Spread SpreadOfAdjustments(const SyntheticWorld& world, const Draw& draw, bool refined,
-                           RunContext& context) {
-  const Reconstruction truth = TrueReconstruction(world);
+/// Sums up one draw; `variances` has the sums of the predicted ones where `spread` has squares.
+void AddDraw(const Experiment& experiment, uint64_t seed, RunContext& context, Spread& spread,
+             Spread& variances) {
+  const SyntheticWorld noisy = experiment.draw(experiment.world, seed);
   BundleAdjustmentOptions options;
-  options.refine_intrinsics = refined;
+  options.refine_intrinsics = experiment.refined;
   options.function_tolerance = 1e-9;
-  const auto adjusted = [&](const SyntheticWorld& noisy) {
-    Reconstruction model = truth;
-    EXPECT_TRUE(AdjustBundle(model, noisy.features, AllImages(world), options, context));
-    return model;
-  };
-  const SyntheticWorld first = draw(world, kSeed);
-  const auto predicted = BuildPoseCovariances(adjusted(first), first.features, refined, context);
-  const size_t cameras = world.cam_from_world.size();
-  Spread spread{std::vector<double>(cameras), std::vector<double>(cameras),
-                std::vector<double>(cameras)};
-  for (int i = 0; i < kDraws; ++i) {
-    const SyntheticWorld noisy = draw(world, DeriveSeed(kSeed, i));
-    const Reconstruction model = adjusted(noisy);
-    const auto errors = PoseErrorsAfterFit(model, world);
-    for (size_t c = 0; c < cameras; ++c) {
-      const PoseCovariance& covariance = *predicted->images[c];
-      spread.mahalanobis[c] += errors[c].dot(covariance.ldlt().solve(errors[c])) / kDraws;
-      spread.rotation[c] +=
-          errors[c].head<3>().squaredNorm() / covariance.topLeftCorner<3, 3>().trace() / kDraws;
-      spread.position[c] +=
-          errors[c].tail<3>().squaredNorm() / covariance.bottomRightCorner<3, 3>().trace() / kDraws;
-    }
-    const double sigma_px = predicted->focal_sigma_px[0].value_or(1.0);
-    spread.focal +=
-        std::pow((model.intrinsics.lenses[0].params[0] - world.intrinsics.lenses[0].params[0]) /
-                     sigma_px,
-                 2) /
-        kDraws;
-    if (i < 10) {
-      spread.sigma0 += BuildPoseCovariances(model, noisy.features, refined, context)->sigma0 / 10;
-    }
+  Reconstruction model = experiment.truth;
+  ASSERT_TRUE(AdjustBundle(model, noisy.features, AllImages(noisy), options, context));
+  const auto predicted = BuildPoseCovariances(model, noisy.features, experiment.refined, context);
+  ASSERT_TRUE(predicted) << predicted.error().ToString();
+  ASSERT_EQ(predicted->focal_sigma_px[0].has_value(), experiment.refined);
+  const auto errors = PoseErrorsAfterFit(model, experiment.world);
+  for (size_t c = 0; c < errors.size(); ++c) {
+    const PoseCovariance& covariance = *predicted->images[c];
+    spread.mahalanobis[c] += errors[c].dot(covariance.ldlt().solve(errors[c])) / kDraws;
+    spread.rotation[c] += errors[c].head<3>().squaredNorm();
+    spread.position[c] += errors[c].tail<3>().squaredNorm();
+    variances.rotation[c] += covariance.topLeftCorner<3, 3>().trace();
+    variances.position[c] += covariance.bottomRightCorner<3, 3>().trace();
   }
-  EXPECT_EQ(predicted->focal_sigma_px[0].has_value(), refined);
+  spread.sigma0 += predicted->sigma0 / kDraws;
+  const auto focal_px = [](const Intrinsics& of) { return of.lenses[0].params[0]; };
+  spread.focal += std::pow(focal_px(model.intrinsics) - focal_px(noisy.intrinsics), 2);
+  variances.focal += std::pow(predicted->focal_sigma_px[0].value_or(1.0), 2);
+}
+
+Spread SpreadOf(const Experiment& experiment, RunContext& context) {
+  const std::vector<double> none(experiment.world.cam_from_world.size(), 0.0);
+  Spread spread{none, none, none}, variances = spread;
+  for (int i = 0; i < kDraws && !testing::Test::HasFatalFailure(); ++i) {
+    AddDraw(experiment, DeriveSeed(kSeed, i), context, spread, variances);
+  }
+  for (size_t c = 0; c < none.size(); ++c) {
+    spread.rotation[c] /= variances.rotation[c];
+    spread.position[c] /= variances.position[c];
+  }
+  spread.focal /= variances.focal;
   return spread;
 }
 
+/// A trace ratio of 200 draws has at most the relative standard deviation sqrt(2 / 200) = 0.1; four
+/// of them, over ten cameras.
+constexpr double kOfATrace = 0.4;
+
 void ExpectAsPredicted(const Spread& spread) {
   for (size_t i = 0; i < spread.mahalanobis.size(); ++i) {
-    // Chi-square of 6 * 200 degrees of freedom: relative standard deviation sqrt(2 / 1200) = 0.041;
-    // of a trace ratio at most sqrt(2 / 200) = 0.1. Four of them, over ten cameras.
+    // Chi-square of 6 * 200 degrees of freedom: sqrt(2 / 1200) = 0.041.
     EXPECT_NEAR(spread.mahalanobis[i] / 6.0, 1.0, 4 * 0.041) << "camera " << i << " seed " << kSeed;
-    EXPECT_NEAR(spread.rotation[i], 1.0, 0.4) << "camera " << i;
-    EXPECT_NEAR(spread.position[i], 1.0, 0.4) << "camera " << i;
+    EXPECT_NEAR(spread.rotation[i], 1.0, kOfATrace) << "camera " << i;
+    EXPECT_NEAR(spread.position[i], 1.0, kOfATrace) << "camera " << i;
   }
 }
 
@@ -150,42 +157,62 @@ SyntheticOptions RingOfManyPoints() {
 }
 
 TEST_P(MonteCarloTest, IsTheSpreadOfAdjustmentsOfNoisyPictures) {
-  const bool refined = GetParam();
   const SyntheticWorld world = MakeSyntheticWorld(RingOfManyPoints());
-  const Spread spread = SpreadOfAdjustments(world, WithNoise, refined, context_);
+  const Spread spread =
+      SpreadOf({world, TrueReconstruction(world), WithNoise, GetParam()}, context_);
   ExpectAsPredicted(spread);
   const double sigma0 = kNoise_px / KeypointSigma_px(world.features.images[0].keypoints[0]);
   EXPECT_NEAR(spread.sigma0, sigma0, 0.03 * sigma0) << "seed " << kSeed;
-  if (refined) {
-    EXPECT_NEAR(spread.focal, 1.0, 0.4);
-  }
+  EXPECT_NEAR(spread.focal, GetParam() ? 1.0 : 0.0, kOfATrace);
 }
 
 INSTANTIATE_TEST_SUITE_P(Lenses, MonteCarloTest, ::testing::Values(false, true),
                          [](const auto& info) { return info.param ? "Refined" : "Fixed"; });
 
-/// Noise, and each point drifts down or up the picture from one camera to the next, as a blob on a
+/// Noise, and each point drifts down or up the picture the higher the camera stands, as a blob on a
 /// curved surface does.
 SyntheticWorld WithDriftingPoints(const SyntheticWorld& world, uint64_t seed) {
+  constexpr double kDrift = 5;  // times the noise, a metre
   SyntheticWorld noisy = WithNoise(world, seed);
   NormalRandom random(DeriveSeed(seed, 1));
   for (const Point3& point : TrueReconstruction(world).points) {
-    const double drift_px = kNoise_px * random.Normal();  // a camera
-    const double first = static_cast<double>(point.observations.front().image.index());
-    const double cameras = static_cast<double>(world.cam_from_world.size());
+    const double drift_px = kDrift * kNoise_px * random.Normal();
     for (const Observation& observation : point.observations) {
       const size_t image = observation.image.index();
-      const double steps = std::remainder(static_cast<double>(image) - first, cameras);
+      const double height_m = world.cam_from_world[image].OriginInSource().z();
       noisy.features.images[image].keypoints[observation.keypoint.index()].y_px +=
-          static_cast<float>(drift_px * steps);
+          static_cast<float>(drift_px * height_m);
     }
   }
   return noisy;
 }
 
 TEST_F(CovarianceTest, ErrorsThatImagesOfAPointHaveInCommonDoNotCountAsIndependent) {
-  ExpectAsPredicted(SpreadOfAdjustments(MakeSyntheticWorld(RingOfManyPoints()), WithDriftingPoints,
-                                        false, context_));
+  SyntheticOptions options = RingOfManyPoints();
+  options.columns = 8;
+  options.rows = 3;
+  options.detection_share = 1.0;
+  const SyntheticWorld world = MakeSyntheticWorld(options);
+  const Spread spread = SpreadOf({world, TrueReconstruction(world), WithDriftingPoints}, context_);
+  for (size_t i = 0; i < spread.rotation.size(); ++i) {
+    EXPECT_NEAR(spread.rotation[i], 1.0, kOfATrace) << "camera " << i << " seed " << kSeed;
+    EXPECT_NEAR(spread.position[i], 1.0, kOfATrace) << "camera " << i << " seed " << kSeed;
+  }
+}
+
+TEST_F(CovarianceTest, AnImageThatFewPointsHoldIsNoSurerThanItIs) {
+  const SyntheticWorld world = MakeSyntheticWorld(RingOfManyPoints());
+  Reconstruction truth = TrueReconstruction(world);
+  int held_by = 0;
+  for (Point3& point : truth.points) {
+    std::erase_if(point.observations, [&](const Observation& observation) {
+      return observation.image == ImageId(0) && ++held_by > 20;
+    });
+  }
+  const Spread spread = SpreadOf({world, truth, WithNoise}, context_);
+  // Of six errors of like size: half of kOfATrace, which is for one that outweighs the others.
+  EXPECT_NEAR(spread.rotation[0], 1.0, kOfATrace / 2) << "seed " << kSeed;
+  EXPECT_NEAR(spread.position[0], 1.0, kOfATrace / 2) << "seed " << kSeed;
 }
 
 TEST_F(CovarianceTest, DoesNotDependOnTheFrameOfTheModel) {

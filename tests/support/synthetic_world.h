@@ -24,10 +24,10 @@ struct SyntheticOptions {
   uint64_t seed = 1;
 };
 
-inline constexpr float kKeypointScale_px = 2.0f;
+inline constexpr float kKeypointScale_px = 1.0f;  // as most of a capture are
 
 /// Truth, and what the front end would have made of it. All cameras have 1200 x 1600 pixels and
-/// keypoints carry their true standard deviation in the ratio of KeypointSigma_px.
+/// the noise of keypoints is in the ratio of KeypointSigma_px.
 struct SyntheticWorld {
   std::vector<Rigid3> cam_from_world;                  // metres
   std::vector<Eigen::Vector3d> points;                 // metres

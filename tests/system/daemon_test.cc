@@ -273,6 +273,11 @@ void DaemonSystem::CapturePerson() {
   EXPECT_EQ(seen["subject"], "person");
   EXPECT_EQ(seen["calibration"], calibration_);
   EXPECT_EQ(seen["verdict"], "sure");
+  const Json newest = daemon.Get("/v1/jobs?limit=1")["items"][0]["result"];
+  EXPECT_EQ(newest["capture"], capture_);
+  EXPECT_EQ(newest["method"], "tc-sfm");
+  EXPECT_EQ(newest["preset"], "rig");
+  EXPECT_EQ(newest["prior"], "none");
 }
 
 /// The poses are those of the truth.

@@ -208,6 +208,8 @@ TEST_F(SimulatedCapture, WithoutACalibrationTheFrontIsNamed) {
   };
   // Column 0 of the rig stands at azimuth 0, where its calibration has the front.
   EXPECT_EQ(sides_in(*folder_ / "sides" / "poses.json"), sides_in(*folder_ / "out" / "poses.json"));
+  const auto poses = nlohmann::json::parse(Bytes(*folder_ / "sides" / "poses.json"));
+  EXPECT_EQ(poses["options"]["front"], "c00r0");
 }
 
 TEST_F(SimulatedCapture, NeighbourPairsGiveAllPosesToo) {

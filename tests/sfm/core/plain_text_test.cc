@@ -32,6 +32,7 @@ TEST(PlainText, IsShownWithoutControlCharacters) {
   EXPECT_EQ(Printable("Zo\u00EB\t\x1b[31m\u009B!"), "Zo\u00EB??[31m?!");
   EXPECT_EQ(Printable("\0\0"s), "??");
   EXPECT_EQ(Printable("x\u202Egnp"), "x?gnp");
+  EXPECT_EQ(Printable("\xE2@h"), "\xE2@h");
   EXPECT_EQ(Printable("a\xC2"), "a\xC2");
 }
 
