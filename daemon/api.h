@@ -23,8 +23,8 @@ struct ApiParts {
   std::string started_at;  // RFC 3339
   std::function<uint64_t()> disk_reserve_bytes;
   std::function<HttpCounters()> counters;
-  /// Why the configuration that was to be taken over was not; nullopt: it was. Null: it never is.
-  std::function<std::optional<std::string>()> reload_trouble = nullptr;
+  /// What else is wrong with the daemon, each in words. Null: nothing ever is.
+  std::function<std::vector<std::string>()> troubles = nullptr;
 };
 
 /// Every route that is served. Handlers read or queue; what takes long is a job.

@@ -122,10 +122,8 @@ void LookAtDevices(const ApiParts& parts, Overview& overview) {
   LookAtDisks(parts, overview);
   if (const auto hung = parts.jobs.Hung()) overview.problems.push_back(*hung);
   if (const auto trouble = parts.jobs.Trouble()) overview.problems.push_back(*trouble);
-  if (const auto trouble = parts.reload_trouble ? parts.reload_trouble() : std::nullopt) {
-    overview.problems.push_back("the configuration was not reloaded and is kept as it was: " +
-                                *trouble);
-  }
+  if (!parts.troubles) return;
+  for (const std::string& trouble : parts.troubles()) overview.problems.push_back(trouble);
 }
 
 /// Cameras that are not where the calibration has them, or that nobody knows the place of.

@@ -61,12 +61,9 @@ Status RemoveFolder(const fs::path& folder) {
   return failed ? Status(Error{ErrorCode::kIo, failed.message(), folder.string()}) : Status();
 }
 
-/// Rows first: a crash in between leaves folders, which are adopted and named by the policy again.
-/// The capture's folder last: without it its reconstructions could not be adopted. False: a job
-/// has claimed the capture since it was named, and it stays.
-Result<bool> RemoveCapture(Store& store, const std::string& id) {
-  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<ReconstructionRecord> reconstructions,
-                           ListReconstructions(store, id));
+/// The row of a capture, with those that hang on it. False: a job has claimed the capture since it
+/// was named, and it stays.
+Result<bool> RemoveRow(Store& store, const std::string& id) {
   bool removed = false;
   ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
     ROTUNDA_RETURN_IF_ERROR(
@@ -80,11 +77,26 @@ Result<bool> RemoveCapture(Store& store, const std::string& id) {
     }
     return {};
   }));
-  if (!removed) return false;
+  return removed;
+}
+
+/// Rows first: a crash in between leaves folders, which are adopted and named by the policy again.
+/// The capture's folder last: without it its reconstructions could not be adopted. A full disk has
+/// no room to store that something goes but what was set aside. False: as RemoveRow.
+Result<bool> RemoveCapture(Store& store, const std::string& id) {
+  ROTUNDA_ASSIGN_OR_RETURN(const std::vector<ReconstructionRecord> reconstructions,
+                           ListReconstructions(store, id));
+  Result<bool> removed = RemoveRow(store, id);
+  if (!removed) {
+    store.FreeSpareRoom();
+    removed = RemoveRow(store, id);
+  }
+  if (!removed || !*removed) return removed;
   for (const ReconstructionRecord& reconstruction : reconstructions) {
     ROTUNDA_RETURN_IF_ERROR(RemoveFolder(store.ReconstructionFolder(reconstruction.id)));
   }
   ROTUNDA_RETURN_IF_ERROR(RemoveFolder(store.CaptureFolder(id)));
+  store.SetSpareRoomAside();
   return true;
 }
 

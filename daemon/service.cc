@@ -39,7 +39,9 @@ constexpr char kApi[] = "API";
 // The threads of the server do something twice a second. A handler may read a large model for some
 // seconds, and all of them may at the same time.
 constexpr auto kServerSilence = std::chrono::seconds(30);
+// Days pass without a job, too. Sooner when the policy could not be applied.
 constexpr auto kRetentionInterval = std::chrono::hours(1);
+constexpr auto kRetentionRetry = std::chrono::seconds(10);
 // Of ended ones, some kilobytes each: years of a studio's work, and lists that are quick.
 constexpr size_t kKeptJobs = 10000;
 // Of service.end_ms, for what ends after a shot that the disk refuses; half of a shorter one.
@@ -86,8 +88,8 @@ HttpLimits LimitsOf(const config::DaemonConfig::Http& http) {
           .handler_threads = http.threads};
 }
 
-/// Applies the retention policy and forgets old jobs, at the start and every hour, apart from
-/// everything that is waited for.
+/// Applies the retention policy and forgets old jobs, at the start, whenever it is woken, and every
+/// hour, apart from everything that is waited for.
 class Housekeeper {
  public:
   Housekeeper(Store& store, RetentionPolicy policy, spdlog::logger& log)
@@ -101,34 +103,56 @@ class Housekeeper {
   void SetPolicy(RetentionPolicy policy) {
     const std::lock_guard lock(mutex_);
     policy_ = policy;
-    changed_ = true;
+    woken_ = true;
     wake_.notify_all();
+  }
+  void Wake() {
+    const std::lock_guard lock(mutex_);
+    woken_ = true;
+    wake_.notify_all();
+  }
+  /// Why the policy could not be applied; nullopt: it was.
+  std::optional<std::string> Trouble() const {
+    const std::lock_guard lock(mutex_);
+    return trouble_;
   }
 
  private:
   void Run(std::stop_token stop) {
     while (!stop.stop_requested()) {
       std::unique_lock lock(mutex_);
-      changed_ = false;
+      woken_ = false;
       const RetentionPolicy policy = policy_;
       lock.unlock();
       const auto removed = ApplyRetention(store_, policy, stop);
-      if (!removed) log_.error("retention: {}", removed.error().ToString());
       const auto pruned = PruneJobs(store_, kKeptJobs);
       if (!pruned) log_.error("old jobs: {}", pruned.error().ToString());
       lock.lock();
-      wake_.wait_for(lock, stop, kRetentionInterval, [this] { return changed_; });
+      NoteTrouble(removed ? std::nullopt : std::optional(removed.error().ToString()));
+      wake_.wait_for(lock, stop, trouble_ ? kRetentionRetry : kRetentionInterval,
+                     [this] { return woken_; });
     }
   }
 
+  /// The log has each trouble once.
+  void NoteTrouble(std::optional<std::string> why) {
+    if (why && why != trouble_) log_.error("retention: {}", *why);
+    trouble_ = std::move(why);
+  }
+
   Store& store_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::condition_variable_any wake_;
   RetentionPolicy policy_;
-  bool changed_ = false;
+  bool woken_ = false;
+  std::optional<std::string> trouble_;
   spdlog::logger& log_;
   std::jthread thread_;
 };
+
+bool IsEndOfJob(const EventRecord& event) {
+  return event.kind == "job_done" || event.kind == "job_failed" || event.kind == "job_cancelled";
+}
 
 template <typename Part>
 void End(std::unique_ptr<Part>& part, const char* name, spdlog::logger& log) {
@@ -154,9 +178,17 @@ struct Service::Parts {
     const std::lock_guard lock(reload_mutex);
     reload_trouble = std::move(why);
   }
-  std::optional<std::string> ReloadTrouble() {
+  std::vector<std::string> Troubles() {
+    std::vector<std::string> troubles;
     const std::lock_guard lock(reload_mutex);
-    return reload_trouble;
+    if (reload_trouble) {
+      troubles.push_back("the configuration was not reloaded and is kept as it was: " +
+                         *reload_trouble);
+    }
+    if (const auto trouble = housekeeper->Trouble()) {
+      troubles.push_back("the retention policy could not be applied: " + *trouble);
+    }
+    return troubles;
   }
 
   std::atomic<uint64_t> reserve_bytes;
@@ -168,6 +200,7 @@ struct Service::Parts {
   std::unique_ptr<CaptureStation> station;
   std::unique_ptr<JobQueue> jobs;
   std::unique_ptr<Housekeeper> housekeeper;
+  std::unique_ptr<EventHub::Subscription> wake_housekeeper;
   std::unique_ptr<Router> router;
   std::unique_ptr<HttpServer> server;
   std::unique_ptr<EventHub::Subscription> wake_streams;
@@ -209,6 +242,11 @@ Result<std::unique_ptr<Service>> Service::Start(Options options, spdlog::logger&
       queue);
   log.info("started: {}", kJobs);
   parts.housekeeper = std::make_unique<Housekeeper>(*parts.store, PolicyOf(config.storage), log);
+  // A capture that a job needs stays until the job has ended.
+  parts.wake_housekeeper =
+      parts.events.Subscribe([&housekeeper = *parts.housekeeper](const EventRecord& event) {
+        if (IsEndOfJob(event)) housekeeper.Wake();
+      });
   log.info("started: {}", kHousekeeping);
   ROTUNDA_RETURN_IF_ERROR(service->StartServer());
   log.info("started: {}", kApi);
@@ -240,7 +278,7 @@ Status Service::StartServer() {
                      parts.store->Now(),
                      parts.Reserve(),
                      [&parts] { return parts.server->counters(); },
-                     [&parts] { return parts.ReloadTrouble(); }};
+                     [&parts] { return parts.Troubles(); }};
   parts.router = std::make_unique<Router>(ApiRoutes(api), RoleNames(config.access));
   std::optional<int> fd = options_.listening_fd;
   if (!fd) {
@@ -270,6 +308,7 @@ Service::~Service() {
   parts.wake_streams = nullptr;
   End(parts.server, kApi, log_);
   if (!parts.own_socket.empty()) unlink(parts.own_socket.c_str());
+  parts.wake_housekeeper = nullptr;
   End(parts.housekeeper, kHousekeeping, log_);
   End(parts.jobs, kJobs, log_);
   End(parts.station, kCameras, log_);

@@ -77,9 +77,11 @@ class Store {
   /// a mount or a link to another disk. kIo names one whose disk cannot be asked. Who asks while an
   /// earlier look still hangs is not held up: kIo.
   Result<DiskRoom> LeastRoom();
-  /// Gives the disk back what was set aside at the start, so that a daemon that ends on a full disk
-  /// can store how. From any thread, as often as one likes.
+  /// Gives the disk back what was set aside, so that on a full one it can be stored how the daemon
+  /// ends, or that something goes. From any thread, as often as one likes.
   void FreeSpareRoom();
+  /// Room for FreeSpareRoom(), as at the start. A disk that is full has none, which is no error.
+  void SetSpareRoomAside();
   std::filesystem::path CaptureFolder(const std::string& id) const;
   std::filesystem::path CalibrationFolder(const std::string& id) const;
   std::filesystem::path ReconstructionFolder(const std::string& id) const;
@@ -103,8 +105,6 @@ class Store {
   std::vector<std::filesystem::path> Folders() const;
   Status LockFolder();
   Status OpenDatabase();
-  /// Room for FreeSpareRoom(). A disk that is full already has none, which is no error.
-  void SetSpareRoomAside();
 
   const StoreOptions options_;
   EventHub& hub_;

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <fstream>
 #include <future>
 #include <optional>
 
@@ -190,6 +191,38 @@ TEST(SlowLook, OneThatHangsHoldsUpNobodyElse) {
     EXPECT_EQ(hanging.get(), 7);
     EXPECT_EQ(look.Look([](int last) { return last; }), 7);
   }
+}
+
+TEST(Retention, MakesRoomOnADiskThatIsFull) {
+  constexpr uint64_t kDisk_bytes = 8'000'000;
+  const test::SmallDisk disk(kDisk_bytes);
+  if (!disk.mounted()) GTEST_SKIP() << "a small disk can be mounted by root only";
+  EventHub hub;
+  test::SteppingClock clock;
+  const auto open = [&] {
+    auto store = Store::Open({disk.path(), clock.Source(), {}, {}}, hub);
+    EXPECT_TRUE(store) << store.error().ToString();
+    return std::move(*store);
+  };
+  {
+    const auto store = open();
+    for (const char* day : {"1", "2", "3"}) {
+      const std::string id = std::string("x") + day;
+      test::WriteTinyFrameSet(store->CaptureFolder(id),
+                              "2025-12-0" + std::string(day) + "T12:00:00.000Z");
+      EXPECT_TRUE(RecordCapture(*store, id, std::nullopt).ok());
+    }
+  }
+  const auto store = open();  // whose log of writes is empty again
+  std::ofstream filler(disk.path() / "filler", std::ios::binary);
+  const std::string page(4096, 'x');
+  while (filler.write(page.data(), static_cast<std::streamsize>(page.size())).flush()) {
+  }
+  const auto gone = ApplyRetention(*store, {.keep_count = 1, .keep_days = {}});
+  ASSERT_TRUE(gone) << gone.error().ToString();
+  EXPECT_EQ(*gone, (std::vector<std::string>{"x1", "x2"}));
+  EXPECT_FALSE(fs::exists(store->CaptureFolder("x1")));
+  EXPECT_TRUE(FindCapture(*store, "x3").ok());
 }
 
 }  // namespace

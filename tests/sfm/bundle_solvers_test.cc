@@ -72,7 +72,7 @@ class BundleSolversTest : public ::testing::TestWithParam<Case> {
     BundleAdjustmentOptions options;
     options.loss = GetParam().loss;
     options.function_tolerance = 1e-15;
-    options.max_iterations = 200;
+    options.max_iterations = 400;
     return options;
   }
   const SyntheticWorld world_ = MakeSyntheticWorld(SyntheticOptions{});

@@ -194,6 +194,7 @@ class DaemonSystem : public testing::Test {
   void BackUp();
   void Reload();
   void StopAndStartAgain();
+  void KeepTheNewest();
 
   /// `rotunda WORDS`, of this daemon.
   static std::vector<std::string> Command(std::vector<std::string> words) {
@@ -564,6 +565,25 @@ void DaemonSystem::StopAndStartAgain() {
   EXPECT_EQ(followed.Wait(), 0) << followed.Output();
 }
 
+/// Also of what is captured while the policy is in force.
+void DaemonSystem::KeepTheNewest() {
+  Daemon& daemon = *daemon_;
+  constexpr size_t kKept = 3;
+  std::ifstream file(daemon / "rotundad.toml");
+  std::string text(std::istreambuf_iterator<char>(file), {});
+  const std::string storage = "[storage]\n";
+  ASSERT_NE(text.find(storage), std::string::npos);
+  text.insert(text.find(storage) + storage.size(), "keep_count = 3\n");
+  std::ofstream(daemon / "rotundad.toml") << text;
+  daemon.process().Signal(SIGHUP);
+  const auto kept = [&] { return daemon.Get("/v1/captures")["items"].size(); };
+  EXPECT_TRUE(WaitUntil([&] { return kept() == kKept; })) << kept();
+  const Json shot = daemon.Ended(daemon.Post("/v1/captures", R"({"reconstruct":false})"));
+  ASSERT_EQ(shot["state"], "done") << shot.dump(1);
+  EXPECT_TRUE(WaitUntil([&] { return kept() == kKept; })) << kept();
+  EXPECT_EQ(daemon.Get("/v1/captures")["items"][0]["id"], shot["result"]["capture"]);
+}
+
 TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   ASSERT_NO_FATAL_FAILURE(Start());
   ASSERT_NO_FATAL_FAILURE(CalibrateFromTheTarget());
@@ -582,6 +602,7 @@ TEST_F(DaemonSystem, FromStartToStopByCurlAlone) {
   ASSERT_NO_FATAL_FAILURE(BackUp());
   ASSERT_NO_FATAL_FAILURE(Reload());
   ASSERT_NO_FATAL_FAILURE(StopAndStartAgain());
+  ASSERT_NO_FATAL_FAILURE(KeepTheNewest());
 }
 
 /// A daemon whose only camera is not there; its captures are put into the state folder.
