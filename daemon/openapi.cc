@@ -37,9 +37,8 @@ Json Parameters(const Route& route) {
         {{"name", "Idempotency-Key"},
          {"in", "header"},
          {"description",
-          "The same key with the same request gives the job of the first time, which runs again if "
-          "it "
-          "was interrupted; with another request 409. It is known as long as its job is."},
+          "The same key with the same request gives the job of the first time (run again if it was "
+          "interrupted); with another request 409. It is known as long as its job is."},
          {"required", false},
          {"schema",
           {{"type", "string"}, {"minLength", 1}, {"maxLength", 200}, {"pattern", "^[!-~]+$"}}}});

@@ -90,6 +90,7 @@ Result<bool> RemoveCapture(Store& store, const std::string& id) {
   if (!removed) {
     store.FreeSpareRoom();
     removed = RemoveRow(store, id);
+    if (!removed) store.SetSpareRoomAside();  // it was not for want of room
   }
   if (!removed || !*removed) return removed;
   for (const ReconstructionRecord& reconstruction : reconstructions) {

@@ -103,13 +103,11 @@ class Housekeeper {
   void SetPolicy(RetentionPolicy policy) {
     const std::lock_guard lock(mutex_);
     policy_ = policy;
-    woken_ = true;
-    wake_.notify_all();
+    WakeLocked();
   }
   void Wake() {
     const std::lock_guard lock(mutex_);
-    woken_ = true;
-    wake_.notify_all();
+    WakeLocked();
   }
   /// Why the policy could not be applied; nullopt: it was.
   std::optional<std::string> Trouble() const {
@@ -132,6 +130,11 @@ class Housekeeper {
       wake_.wait_for(lock, stop, trouble_ ? kRetentionRetry : kRetentionInterval,
                      [this] { return woken_; });
     }
+  }
+
+  void WakeLocked() {
+    woken_ = true;
+    wake_.notify_all();
   }
 
   /// The log has each trouble once.
