@@ -129,6 +129,7 @@ Result<std::vector<Reconstruction>> BuildClusterReconstructions(
   const size_t count = clusters.size();
   ClusterResults reconstructed(count);
   std::atomic<size_t> done = 0;
+  context.Report(kStage, 0, count);
   const auto reconstruct = [&](size_t c) {
     RunContext own{context.threads, context.stop, nullptr, DeriveSeed(context.seed, c)};
     const TwoViews matches = MatchesWithinParts(input, correction, clusters[c].images, options);

@@ -71,10 +71,10 @@ struct MeetingCount {
 /// What one model and the verified matches say of its images, region by region. An image is
 /// expected to meet a point when the point projects into it and two observers of the point enclose
 /// the image, so that it is not turned away, and no other point hides it. It is met when a verified
-/// match joins the image with an observer's keypoint of the point. In a right model 70 to 80 % are
-/// met in every region (measured on rendered captures, whatever the garment); where a model lays
-/// look-alike things over each other, what tells them apart is met by the images of one and by
-/// almost none of the other.
+/// match joins the image with an observer's keypoint of the point. In a right model about
+/// kMetShare are met in every region, whatever the garment; where a model lays look-alike things
+/// over each other, what tells them apart is met by the images of one and by almost none of the
+/// other.
 class CovisibilityCounter {
  public:
   /// Borrows all but `options`. `graph`: the edges of `two_views` whose matches count.

@@ -244,9 +244,9 @@ struct Built {
 
 /// Labels: communities of the tracks that the poses confirmed, and which of them look alike.
 Result<Segments> LabelSegments(const Run& run, const FrontEnd& front, const TcSfmResult& result) {
-  run.context.Report("communities", 0, 1);
   ROTUNDA_ASSIGN_OR_RETURN(const std::vector<Superpixels> superpixels,
                            BuildSuperpixels(run.set, run.options.superpixels, run.context));
+  run.context.Report("communities", 0, 1);
   const Tracks tracks = BuildTracks(front.features, result.two_views, result.view_graph);
   const TrackGraph graph =
       BuildTrackGraph(front.features, tracks, superpixels, run.options.track_graph);

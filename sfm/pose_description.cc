@@ -68,8 +68,8 @@ void MakeUnsure(const std::string& reason, PoseSummary& summary) {
   summary.verdict_reason = reason;
 }
 
-/// What the calibration says of the verdict of the pictures: it makes it worse, never better. A
-/// sure verdict is not overruled: then cameras or the calibration may be others.
+/// What the calibration says of the verdict of the pictures: it makes it worse, never better. What
+/// is sure becomes unsure at worst: cameras or the calibration may be others.
 void JudgeFarOff(const FarOff& far_off, bool disagrees, PoseSummary& summary) {
   if (far_off.opposite.size() >= kFewestFolded && summary.verdict != VerdictName(Verdict::kSure)) {
     summary.folded = true;

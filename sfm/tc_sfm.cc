@@ -353,6 +353,7 @@ Status Finish(State& state, const IncrementalOptions& incremental) {
 Status FinishUnfolded(State& state, const IncrementalOptions& incremental) {
   ROTUNDA_RETURN_IF_ERROR(Finish(state, incremental));
   for (;;) {
+    state.context.Report(kStage, 0, 1);
     const std::vector<Reconstruction> model = {state.result.models.models.front()};
     ROTUNDA_ASSIGN_OR_RETURN(
         const DraftGroups groups,

@@ -16,6 +16,7 @@ namespace fs = std::filesystem;
 
 constexpr char kProcedural[] = "procedural";
 constexpr char kObjBodies[][24] = {"Asian_F_2_Default", "Black_M_1_Milit"};
+constexpr char kHeldOutBody[] = "White_M_2_Casual";
 constexpr char kNoSharedData[] = "there is no folder of shared data ($ROTUNDA_SHARED)";
 
 /// What the person wears.
@@ -140,6 +141,19 @@ std::vector<Capture> FullSizeCaptures(const CaptureSize& size) {
       Simulated(kProcedural, kUnique, 1, full), Simulated(kProcedural, kTwinSymmetric, 1, full),
       Simulated(kObjBodies[0], kTwinSymmetric, 1, full), Simulated(kObjBodies[1], kPlaid, 1, full)};
   for (Capture& capture : captures) capture.name += "-full";
+  return captures;
+}
+
+std::vector<Capture> HeldOutCaptures(const CaptureSize& size) {
+  std::vector<Capture> captures;
+  for (const uint64_t seed : {101, 102}) {
+    for (const Garment& garment : kGarments) {
+      captures.push_back(Simulated(kHeldOutBody, garment, seed, size));
+    }
+    for (const std::string body : {kProcedural, kObjBodies[0], kObjBodies[1]}) {
+      captures.push_back(Simulated(body, kTwinSymmetric, seed, size));
+    }
+  }
   return captures;
 }
 

@@ -54,6 +54,8 @@ struct CaptureSize {
 std::vector<Capture> MeanCaptures(const CaptureSize& size);
 /// Four of them with pictures of the rig's full size.
 std::vector<Capture> FullSizeCaptures(const CaptureSize& size);
+/// A body and seeds that were never looked at while the method was made.
+std::vector<Capture> HeldOutCaptures(const CaptureSize& size);
 /// Captures of the mean set with something wrong, or with less to tell front from back by.
 std::vector<Capture> StressCaptures(const CaptureSize& size);
 /// The captures of the mean set on which every part of the method is tried alone.

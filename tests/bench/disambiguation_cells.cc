@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "sfm/core/calibration.h"
+#include "sfm/core/checksum.h"
 #include "sfm/core/evaluate.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/frame_set.h"
@@ -58,8 +59,8 @@ void RecordFailure(const ProcessOutcome& outcome, CellRecord& record) {
 /// has them.
 void RecordPoses(const Json& poses, const CaptureFiles& files, CellRecord& record) {
   const Json& summary = poses["summary"];
-  for (const char* key :
-       {"registered", "of", "models", "rms_px", "margin", "verdict", "verdict_reason"}) {
+  for (const char* key : {"registered", "of", "models", "rms_px", "margin", "verdict",
+                          "verdict_reason", "verdict_of_pictures"}) {
     if (summary.contains(key)) record[key] = summary[key];
   }
   record["gives_margins"] = poses["method"] == "tc-sfm";
@@ -73,7 +74,10 @@ void RecordPoses(const Json& poses, const CaptureFiles& files, CellRecord& recor
     if (swapped) record["swapped"].push_back(camera["camera"]);
     if (!swapped && versus["moved"]) record["moved"].push_back(camera["camera"]);
   }
-  if (fs::exists(files.expected)) record["expected"] = ParseFile(files.expected);
+  record["poses_xxh3"] = Xxh3Text(poses["cameras"].dump());
+  record["expected"] = fs::exists(files.expected)
+                           ? ParseFile(files.expected)
+                           : Json{{"moved", Json::array()}, {"swapped", Json::array()}};
 }
 
 /// Without the list of cameras.

@@ -96,6 +96,7 @@ std::vector<Cell> PlanCells(const Groups& groups, const CaptureSize& size) {
   std::vector<Cell> cells;
   if (groups.mean) Add("mean", MeanCaptures(size), MainMethods(), cells);
   if (groups.full_size) Add("full-size", FullSizeCaptures(size), MainMethods(), cells);
+  if (groups.held_out) Add("held-out", HeldOutCaptures(size), MainMethods(), cells);
   if (groups.stress) Add("stress", StressCaptures(size), MainMethods(), cells);
   if (groups.ablation) Add("ablation", AblationCaptures(size), AblationMethods(), cells);
   if (groups.photographs) {

@@ -17,7 +17,7 @@ struct Method {
 
 /// One run: a method on a capture.
 struct Cell {
-  std::string group;  // "mean", "full-size", "stress", "ablation", "photographs"
+  std::string group;  // "mean", "full-size", "held-out", "stress", "ablation", "photographs"
   Capture capture;
   Method method;
 };
@@ -26,6 +26,7 @@ struct Cell {
 struct Groups {
   bool mean = false;
   bool full_size = false;
+  bool held_out = false;
   bool stress = false;
   bool ablation = false;
   bool photographs = false;

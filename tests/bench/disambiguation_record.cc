@@ -32,8 +32,21 @@ bool Warns(const CellRecord& record) {
   return record.contains("verdict") && record["verdict"] != kSureVerdict;
 }
 
+bool PicturesWarn(const CellRecord& record) {
+  return record.value("verdict_of_pictures", kSureVerdict) != kSureVerdict;
+}
+
 bool IsComplete(const CellRecord& record) {
   return record.value("registered", 0) == record.value("of", -1);
+}
+
+const CellRecord* Find(const std::vector<TableRow>& rows, const TableRow& same_capture,
+                       const std::string& method) {
+  const auto found = std::find_if(rows.begin(), rows.end(), [&](const TableRow& row) {
+    return row.cell.group == same_capture.cell.group && row.cell.method.name == method &&
+           row.cell.capture.name == same_capture.cell.capture.name;
+  });
+  return found == rows.end() ? nullptr : &found->record;
 }
 
 std::optional<double> Mean(const std::vector<double>& values) {

@@ -23,8 +23,14 @@ std::optional<double> Evaluated(const CellRecord& record, const char* key);
 bool IsFolded(const CellRecord& record);
 /// Whether the result itself warns.
 bool Warns(const CellRecord& record);
+/// Whether it would without the calibration of the cameras' places, which most captures come with.
+bool PicturesWarn(const CellRecord& record);
 /// All cameras have a pose.
 bool IsComplete(const CellRecord& record);
+
+/// The row of another method on the same capture in the same group; nullptr: it was not run.
+const CellRecord* Find(const std::vector<TableRow>& rows, const TableRow& same_capture,
+                       const std::string& method);
 
 /// nullopt without values.
 std::optional<double> Mean(const std::vector<double>& values);

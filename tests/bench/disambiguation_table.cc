@@ -100,6 +100,7 @@ std::string RowText(const CellRecord& record, const ColmapTimes& colmap) {
 /// What the cells of one method in one group come to.
 struct Tally {
   int cells = 0, errors = 0, complete = 0, folded = 0, folded_unsaid = 0, warned_in_vain = 0;
+  std::optional<double> as_varied;  // the same poses, to the last bit, as the method it varies
   // Over what is not folded: the figures of a folded capture would drown all others.
   std::vector<double> rotation_deg, position_mm, rotation_square, position_square;
   std::vector<double> seconds, over_colmap;
@@ -120,7 +121,7 @@ void Count(const CellRecord& record, const ColmapTimes& colmap, Tally& tally) {
   }
   tally.complete += IsComplete(record);
   tally.folded += IsFolded(record);
-  tally.folded_unsaid += IsFolded(record) && !Warns(record);
+  tally.folded_unsaid += IsFolded(record) && !PicturesWarn(record);
   tally.warned_in_vain += !IsFolded(record) && Warns(record);
   Put(Number(record, "seconds"), tally.seconds);
   Put(colmap.Over(record), tally.over_colmap);
@@ -137,6 +138,19 @@ std::optional<double> Median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
+/// Of an ablation's method, that of the method it varies on the same capture, when both are known.
+const CellRecord* FindVaried(const std::vector<const CellRecord*>& records,
+                             const CellRecord& varying) {
+  const std::string method = varying["method"];
+  const auto varied = std::find_if(records.begin(), records.end(), [&](const CellRecord* record) {
+    const std::string base = (*record)["method"];
+    const bool varies = method.size() > base.size() && method.starts_with(base);
+    return varies && (*record)["capture"] == varying["capture"] && record->contains("poses_xxh3") &&
+           varying.contains("poses_xxh3");
+  });
+  return varied == records.end() ? nullptr : *varied;
+}
+
 std::string SummaryText(const std::vector<const CellRecord*>& records, const ColmapTimes& colmap) {
   std::vector<std::pair<std::string, Tally>> tallies;
   for (const CellRecord* record : records) {
@@ -145,17 +159,24 @@ std::string SummaryText(const std::vector<const CellRecord*>& records, const Col
                               [&](const auto& entry) { return entry.first == method; });
     if (tally == tallies.end()) tally = tallies.insert(tally, {method, {}});
     Count(*record, colmap, tally->second);
+    const CellRecord* varied = FindVaried(records, *record);
+    if (varied == nullptr) continue;
+    const bool same = (*varied)["poses_xxh3"] == (*record)["poses_xxh3"];
+    tally->second.as_varied = tally->second.as_varied.value_or(0) + same;
   }
   std::string text = Format(
-      "\n%-36s captures errors complete folded unsaid warned-in-vain   e_r deg  e_t mm  "
-      "(rot/sigma)^2 (pos/sigma)^2  median s  /colmap\n",
+      "\nunsaid: not by the pictures alone; no effect: on so many captures the poses are, to the "
+      "last bit, those of the method that is varied\n"
+      "%-36s captures errors complete folded unsaid warned-in-vain   e_r deg  e_t mm  "
+      "(rot/sigma)^2 (pos/sigma)^2  median s  /colmap  no effect\n",
       "by method (errors: without the folded)");
   for (const auto& [method, tally] : tallies) {
     text += Format("%-36s %8d %6d %8d %6d %6d %14d", method.c_str(), tally.cells, tally.errors,
                    tally.complete, tally.folded, tally.folded_unsaid, tally.warned_in_vain);
     text += Cell(Mean(tally.rotation_deg), 10, 4) + Cell(Mean(tally.position_mm), 8, 3) +
             Cell(Mean(tally.rotation_square), 15, 2) + Cell(Mean(tally.position_square), 14, 2) +
-            Cell(Median(tally.seconds), 10, 1) + Cell(Median(tally.over_colmap), 9, 2) + "\n";
+            Cell(Median(tally.seconds), 10, 1) + Cell(Median(tally.over_colmap), 9, 2) +
+            Cell(tally.as_varied, 11, 0) + "\n";
   }
   return text;
 }

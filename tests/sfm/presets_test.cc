@@ -27,9 +27,10 @@ TEST(Presets, TheRigIsTheDefault) {
   PipelineOptions options;
   ApplyPreset(Preset::kRig, options);
   const PipelineOptions defaults;
-  EXPECT_EQ(options.method, Method::kTcSfm);
+  EXPECT_EQ(defaults.method, Method::kTcSfm);
+  EXPECT_EQ(defaults.tc_sfm.max_gap_deg, 130.0);
+  EXPECT_EQ(options.method, defaults.method);
   EXPECT_EQ(options.tc_sfm.max_gap_deg, defaults.tc_sfm.max_gap_deg);
-  EXPECT_EQ(options.segments.min_diversity, defaults.segments.min_diversity);
 }
 
 TEST(Presets, OnlyARigKnowsThatTheCamerasSurroundTheSubject) {
