@@ -49,7 +49,14 @@ TEST(Presets, LiteralIsThePapersReading) {
   EXPECT_TRUE(literal.Validate().ok());
   EXPECT_EQ(literal.min_edge_weight, 0.15);  // tau_w
   EXPECT_FALSE(literal.track_graph.weighted);
+  EXPECT_FALSE(literal.consistent_view_graph);
   EXPECT_EQ(literal.segments.sign, AmbiguitySign::kDiversity);
+  EXPECT_EQ(literal.segments.min_diversity, 0.5);  // tau_gs
+  EXPECT_FALSE(literal.segments.diversity_inclusive);
+  EXPECT_FALSE(literal.correction.labels_by_track);
+  EXPECT_EQ(literal.correction.max_rotation_rad, 0.15);  // epsilon_r
+  EXPECT_EQ(literal.correction.max_place_rad, 0.35);     // epsilon_t
+  EXPECT_TRUE(std::isinf(literal.correction.max_sigma_share));
   EXPECT_EQ(literal.correction.next, NextImage::kMostPrimaryPoints);
   EXPECT_EQ(literal.correction.place_distance, PlaceDistance::kTranslationAngle);
   EXPECT_TRUE(literal.correction.undecided_is_consistent);
