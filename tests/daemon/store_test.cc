@@ -24,6 +24,7 @@
 #include "daemon/store_jobs.h"
 #include "daemon/store_reconstructions.h"
 #include "sfm/core/pose_set.h"
+#include "tests/support/as_nobody.h"
 #include "tests/support/daemon_state.h"
 
 namespace {
@@ -114,20 +115,13 @@ TEST(Store, KeepsACaptureOverARestart) {
   EXPECT_NE(FreeCaptureId(state.store()).value(), id);
 }
 
-/// What the store says that this thread opens as a user who is nobody; of root as of others, who
-/// own what they make.
+/// What the store says that is opened by nobody.
 std::string OpenedAsNobody(DaemonState& state) {
-  constexpr int kNobody = 65534;
   std::string said;
-  std::jthread([&] {
-    if (::geteuid() == 0) {
-      // These, without libc, are of the calling thread alone.
-      EXPECT_EQ(syscall(SYS_setresgid, -1, kNobody, -1), 0);
-      EXPECT_EQ(syscall(SYS_setresuid, -1, kNobody, -1), 0);
-    }
+  test::AsNobody([&] {
     const auto opened = state.TryOpen();
     said = opened ? "nothing" : opened.error().ToString();
-  }).join();
+  });
   return said;
 }
 

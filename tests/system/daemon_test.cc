@@ -751,14 +751,20 @@ TEST(DaemonStart, SaysEverythingThatIsWrongAndEnds) {
   for (const char* name : {"capture.toml", "cuboid.toml"}) {
     fs::copy_file(std::string(ROTUNDA_SOURCE_DIR) + "/config/" + name, folder / name);
   }
-  std::ofstream(folder / "groups.toml")
-      << "[access]\nviewer_group = \"root\"\noperator_group = \"nobody-has-this\"\n";
-  const ProcessOutcome groups =
-      RunProcess({ROTUNDA_DAEMON, "--check-config", "--config", folder / "groups.toml"});
-  EXPECT_EQ(groups.exit_code, 0);
-  EXPECT_EQ(groups.errors,
+  const std::string doubtful = folder / "doubtful.toml", gone = folder / "gone";
+  std::ofstream(doubtful)
+      << "[access]\nviewer_group = \"root\"\noperator_group = \"nobody-has-this\"\n"
+      << "[service]\nstate_folder = \"" << (folder / "state").string() << "\"\nsocket = \"" << gone
+      << "/api.sock\"\n";
+  const ProcessOutcome warned =
+      RunProcess({ROTUNDA_DAEMON, "--check-config", "--config", doubtful});
+  EXPECT_EQ(warned.exit_code, 0);
+  EXPECT_EQ(warned.errors,
             "warning: access.operator_group: there is no group 'nobody-has-this': nobody has its "
-            "rights\n");
+            "rights\nwarning: " +
+                doubtful + ":6: service.socket: " + gone +
+                ": is not there: expected a folder that the daemon's user can write, or a socket "
+                "that systemd listens on (rotunda.socket)\n");
 }
 
 TEST(ClientCommands, AskForWhatTheirOptionsSay) {
