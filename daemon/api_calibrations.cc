@@ -72,7 +72,8 @@ std::vector<Route> CalibrationRoutes(const ApiParts& parts) {
            .schema = "Job",
            .handle =
                [parts](const ApiRequest& request) {
-                 return SubmitJob(parts, JobKind::kCalibration, request.http.body, request);
+                 return SubmitJob(parts, JobKind::kCalibration, BodyObject(request.http.body),
+                                  request);
                }},
           {.method = "GET",
            .path = "/v1/calibrations",

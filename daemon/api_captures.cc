@@ -205,12 +205,11 @@ HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& reques
     return Problem(there.error());
   }
   Result<nlohmann::json> body = BodyObject(request.http.body);
-  if (!body) return Problem(400, body.error().ToString());
-  if (body->contains("capture")) {
+  if (body && body->contains("capture")) {
     return Problem(422, "body: 'capture' is not known here; the path says which");
   }
-  (*body)["capture"] = id;
-  return SubmitJob(parts, JobKind::kReconstruction, body->dump(), request);
+  if (body) (*body)["capture"] = id;
+  return SubmitJob(parts, JobKind::kReconstruction, body, request);
 }
 
 /// What reads one capture.
@@ -278,7 +277,7 @@ std::vector<Route> CaptureRoutes(const ApiParts& parts) {
        .schema = "Job",
        .handle =
            [parts](const ApiRequest& request) {
-             return SubmitJob(parts, JobKind::kCapture, request.http.body, request);
+             return SubmitJob(parts, JobKind::kCapture, BodyObject(request.http.body), request);
            }},
       {.method = "GET",
        .path = "/v1/captures",
