@@ -852,7 +852,6 @@ TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
   }
   EXPECT_EQ(Call("POST", "/v1/calibrations/x/activate").status, 404);
   EXPECT_EQ(Call("DELETE", "/v1/jobs/999").status, 404);
-  EXPECT_EQ(Get("/v1/jobs/01").status, 400) << "no number of a job is written so";
   EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export").status, 400) << "which format?";
   EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export?format=vrml").status, 400);
   test::WriteTinyFrameSet(state_.store().CaptureFolder("new"), "2026-01-02T10:00:00Z");
@@ -860,6 +859,20 @@ TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
   const HttpResponse poses = Get("/v1/captures/new/poses");
   EXPECT_EQ(poses.status, 404);
   EXPECT_NE(poses.body.find("not reconstructed yet"), std::string::npos) << poses.body;
+}
+
+TEST_F(Api, WhatCanBeNoNameIs404InAPathAnd400InAQuery) {
+  ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
+  for (const char* target : {"/v1/jobs/abc", "/v1/jobs/01", "/v1/jobs/-1", "/v1/jobs/1x",
+                             "/v1/captures/a%20b", "/v1/calibrations/.hidden/report"}) {
+    EXPECT_EQ(Get(target).status, 404) << target;
+  }
+  EXPECT_EQ(Call("DELETE", "/v1/jobs/abc").status, 404);
+  EXPECT_EQ(Call("POST", "/v1/jobs/01/rerun").status, 404) << "not job 1";
+  for (const char* target :
+       {"/v1/jobs?after=a%20b", "/v1/events?after=zzz", "/v1/jobs?limit=x", "/v1/captures/%zz"}) {
+    EXPECT_EQ(Get(target).status, 400) << target;
+  }
 }
 
 /// A model of one picture, of camera c0, with this lens; as a reconstruction leaves it.
