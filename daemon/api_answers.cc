@@ -117,8 +117,10 @@ HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const Result<nlohman
   const Result<JobRecord> job = parts.jobs.Submit(kind, body->dump(), key);
   if (!job) return Refusal(job.error());
   HttpResponse response = JsonAnswer(ToJson(*job), 202);
-  response.headers.emplace_back("Location", "/v1/jobs/" + std::to_string(job->number));
+  response.headers.emplace_back(JobLocation().name, "/v1/jobs/" + std::to_string(job->number));
   return response;
 }
+
+ResponseHeader JobLocation() { return {"Location", "Path of the job"}; }
 
 }  // namespace rotunda::daemon

@@ -42,5 +42,7 @@ Result<nlohmann::json> BodyObject(const std::string& body);
 /// BodyObject() gave.
 HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const Result<nlohmann::json>& body,
                        const ApiRequest& request);
+/// Where that is, as the document says it.
+ResponseHeader JobLocation();
 
 }  // namespace rotunda::daemon
