@@ -157,13 +157,49 @@ std::vector<Error> WrongValues(const DaemonConfig& config) {
   return wrong;
 }
 
+/// Whether something is there that is known to be of another kind.
+bool IsOther(fs::file_type found, fs::file_type expected) {
+  return found != expected && found != fs::file_type::not_found && found != fs::file_type::none &&
+         found != fs::file_type::unknown;
+}
+
+/// What keeps `folder` from being there or being made: itself or one above it; empty: nothing.
+fs::path InTheWayOf(const fs::path& folder) {
+  for (fs::path place = folder; place.has_relative_path(); place = place.parent_path()) {
+    std::error_code ignored;
+    const fs::file_type found = fs::status(place, ignored).type();
+    if (IsOther(found, fs::file_type::directory)) return place;
+    if (found != fs::file_type::not_found) break;
+  }
+  return {};
+}
+
+/// Refuses folders and sockets in whose place something else is.
+void CheckPlaces(const DaemonConfig& config, const Refuse& refuse) {
+  const auto check_folder = [&](const char* key, const std::string& path, const fs::path& folder) {
+    const fs::path found = InTheWayOf(folder);
+    if (found.empty()) return;
+    refuse(key, "is \"" + path + "\", " +
+                    (found == path ? "which" : "but \"" + found.string() + "\"") +
+                    " is there and no folder");
+  };
+  const auto check_socket = [&](const char* key, const std::string& path) {
+    check_folder(key, path, fs::path(path).parent_path());
+    std::error_code ignored;
+    if (IsOther(fs::status(path, ignored).type(), fs::file_type::socket)) {
+      refuse(key, "is \"" + path + "\", which is there and no socket");
+    }
+  };
+  const std::string& state_folder = config.service.state_folder;
+  check_folder("service.state_folder", state_folder, state_folder);
+  check_socket("service.socket", config.service.socket);
+  if (!config.devices.simulated_socket.empty()) {
+    check_socket("devices.simulated_socket", config.devices.simulated_socket);
+  }
+}
+
 /// Reads and checks the files that the configuration names, a relative one in `folder`.
 void CheckNamedFiles(const fs::path& folder, const Refuse& refuse, CheckedDaemonConfig& checked) {
-  const std::string& state_folder = checked.config.service.state_folder;
-  std::error_code ignored;
-  if (fs::exists(state_folder, ignored) && !fs::is_directory(state_folder, ignored)) {
-    refuse("service.state_folder", "is \"" + state_folder + "\", which is there and no folder");
-  }
   DaemonConfig::Devices& devices = checked.config.devices;
   devices.capture = folder / devices.capture;
   devices.board = folder / devices.board;
@@ -199,15 +235,19 @@ CheckedDaemonConfig CheckDaemonConfig(const fs::path& file) {
   const Result<std::string> text = ReadFile(file);
   if (!text) return {{}, {text.error()}};
   CheckedDaemonConfig checked = CheckDaemonConfigText(*text, file.string());
-  const Result<TomlFile> toml = TomlFile::Parse(*text, file.string());
-  CheckNamedFiles(
-      file.parent_path(),
-      [&](const std::string& key, const std::string& why) {
-        const Error error{ErrorCode::kBadInput, why, key};
-        checked.problems.push_back(toml ? toml->Located(error) : error.In(file.string()));
-      },
-      checked);
+  const auto refuse = [&](const std::string& key, const std::string& why) {
+    checked.problems.push_back(LocatedIn(file, {ErrorCode::kBadInput, why, key}));
+  };
+  CheckPlaces(checked.config, refuse);
+  CheckNamedFiles(file.parent_path(), refuse, checked);
   return checked;
+}
+
+Error LocatedIn(const fs::path& file, const Error& error) {
+  const Result<std::string> text = ReadFile(file);
+  const Result<TomlFile> toml =
+      text ? TomlFile::Parse(*text, file.string()) : Result<TomlFile>(text.error());
+  return toml ? toml->Located(error) : error.In(file.string());
 }
 
 std::vector<std::string> NeedsRestart(const DaemonConfig& running, const DaemonConfig& wanted) {

@@ -77,6 +77,9 @@ CheckedDaemonConfig CheckDaemonConfig(const std::filesystem::path& file);
 /// The same for one text, without looking at the files that it names. `source` names it in errors.
 CheckedDaemonConfig CheckDaemonConfigText(const std::string& text, const std::string& source);
 
+/// The error of a check whose context is "table.key", with the file and the line the key is on.
+Error LocatedIn(const std::filesystem::path& file, const Error& error);
+
 /// What differs and takes a new start to take effect ("service.socket", ...); the rest is reloaded.
 std::vector<std::string> NeedsRestart(const DaemonConfig& running, const DaemonConfig& wanted);
 

@@ -104,7 +104,7 @@ Result<nlohmann::json> BodyObject(const std::string& body) {
   return json;
 }
 
-HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& body,
+HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const Result<nlohmann::json>& body,
                        const ApiRequest& request) {
   const auto given = request.http.headers.find("idempotency-key");
   const std::string key = given == request.http.headers.end() ? "" : given->second;
@@ -113,13 +113,14 @@ HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& b
                             std::to_string(kMaxKeyLength) +
                             " printable ASCII characters without spaces, or no such header");
   }
-  const Result<nlohmann::json> object = BodyObject(body);
-  if (!object) return Problem(400, object.error().ToString());
-  const Result<JobRecord> job = parts.jobs.Submit(kind, body.empty() ? "{}" : body, key);
+  if (!body) return Problem(400, body.error().ToString());
+  const Result<JobRecord> job = parts.jobs.Submit(kind, body->dump(), key);
   if (!job) return Refusal(job.error());
   HttpResponse response = JsonAnswer(ToJson(*job), 202);
-  response.headers.emplace_back("Location", "/v1/jobs/" + std::to_string(job->number));
+  response.headers.emplace_back(JobLocation().name, "/v1/jobs/" + std::to_string(job->number));
   return response;
 }
+
+ResponseHeader JobLocation() { return {"Location", "Path of the job"}; }
 
 }  // namespace rotunda::daemon

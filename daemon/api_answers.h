@@ -38,8 +38,11 @@ Result<Page> PageOf(const ApiRequest& request);
 /// What a body says, an empty one as "{}"; kBadInput: no JSON, or no object.
 Result<nlohmann::json> BodyObject(const std::string& body);
 
-/// Queues a job with the request's Idempotency-Key: 202 and where to look for it.
-HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const std::string& body,
+/// Queues a job with the request's Idempotency-Key: 202 and where to look for it. `body` is what
+/// BodyObject() gave.
+HttpResponse SubmitJob(const ApiParts& parts, JobKind kind, const Result<nlohmann::json>& body,
                        const ApiRequest& request);
+/// Where that is, as the document says it.
+ResponseHeader JobLocation();
 
 }  // namespace rotunda::daemon

@@ -70,9 +70,11 @@ std::vector<Route> CalibrationRoutes(const ApiParts& parts) {
            .request_schema = "CalibrationRequest",
            .status = 202,
            .schema = "Job",
+           .headers = {JobLocation()},
            .handle =
                [parts](const ApiRequest& request) {
-                 return SubmitJob(parts, JobKind::kCalibration, request.http.body, request);
+                 return SubmitJob(parts, JobKind::kCalibration, BodyObject(request.http.body),
+                                  request);
                }},
           {.method = "GET",
            .path = "/v1/calibrations",
@@ -94,6 +96,7 @@ std::vector<Route> CalibrationRoutes(const ApiParts& parts) {
            .path = "/v1/calibrations/{calibration}/calibration.json",
            .operation = "getCalibrationFile",
            .summary = "Lenses, poses and uncertainties (rotunda-calibration/1)",
+           .schema = "CalibrationFile",
            .handle =
                [parts](const ApiRequest& request) {
                  return File(parts, request.path.at("calibration"), "calibration.json",

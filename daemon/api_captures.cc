@@ -23,6 +23,9 @@ using Json = nlohmann::ordered_json;
 constexpr int kMaxArchives = 4;
 constexpr char kPly[] = "ply";
 constexpr char kAnyBytes[] = "application/octet-stream";
+// Headers of exports.
+constexpr char kFileName[] = "Content-Disposition";
+constexpr char kVerdict[] = "Rotunda-Verdict";
 
 HttpResponse List(const ApiParts& parts, const ApiRequest& request) {
   const Result<Page> page = PageOf(request);
@@ -166,8 +169,8 @@ HttpResponse AsFile(HttpResponse made, const std::string& capture, const std::st
   const bool is_ply = format == kPly;
   const std::string name = capture + (is_ply ? "" : "-" + format) +
                            (is_doubted ? "-" + verdict : "") + (is_ply ? ".ply" : ".tar");
-  made.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + name + "\"");
-  if (!verdict.empty()) made.headers.emplace_back("Rotunda-Verdict", verdict);
+  made.headers.emplace_back(kFileName, "attachment; filename=\"" + name + "\"");
+  if (!verdict.empty()) made.headers.emplace_back(kVerdict, verdict);
   return made;
 }
 
@@ -205,12 +208,11 @@ HttpResponse StartReconstruction(const ApiParts& parts, const ApiRequest& reques
     return Problem(there.error());
   }
   Result<nlohmann::json> body = BodyObject(request.http.body);
-  if (!body) return Problem(400, body.error().ToString());
-  if (body->contains("capture")) {
+  if (body && body->contains("capture")) {
     return Problem(422, "body: 'capture' is not known here; the path says which");
   }
-  (*body)["capture"] = id;
-  return SubmitJob(parts, JobKind::kReconstruction, body->dump(), request);
+  if (body) (*body)["capture"] = id;
+  return SubmitJob(parts, JobKind::kReconstruction, body, request);
 }
 
 /// What reads one capture.
@@ -234,6 +236,7 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
        .path = "/v1/captures/{capture}/poses",
        .operation = "getPoses",
        .summary = "Camera poses of the capture's `reconstruction` (rotunda-poses/1)",
+       .schema = "Poses",
        .handle =
            [parts](const ApiRequest& request) {
              return ResultFile(parts, request, "poses.json", "application/json");
@@ -251,11 +254,12 @@ std::vector<Route> OneCaptureRoutes(const ApiParts& parts) {
        .path = "/v1/captures/{capture}/export",
        .operation = "getExport",
        .summary =
-           "The capture's `reconstruction` for other programs: a tar archive, or the PLY file. The "
-           "header Rotunda-Verdict has its verdict; one that is not sure is in the file's name, "
-           "too",
+           "The capture's `reconstruction` for other programs: a tar archive, or the PLY file. A "
+           "verdict that is not sure is in the file's name, too",
        .query = {{"format", "What to write", ExportFormats(), true}},
        .content_type = kAnyBytes,
+       .headers = {{kFileName, "attachment, with a name for the file"},
+                   {kVerdict, "sure, unsure or folded; absent: its method gives none", false}},
        .refusals = {{422,
                      "The format cannot hold the model: `detail` names the camera, its lens "
                      "model, and the lens models that the format holds"}},
@@ -276,9 +280,10 @@ std::vector<Route> CaptureRoutes(const ApiParts& parts) {
        .request_schema = "CaptureRequest",
        .status = 202,
        .schema = "Job",
+       .headers = {JobLocation()},
        .handle =
            [parts](const ApiRequest& request) {
-             return SubmitJob(parts, JobKind::kCapture, request.http.body, request);
+             return SubmitJob(parts, JobKind::kCapture, BodyObject(request.http.body), request);
            }},
       {.method = "GET",
        .path = "/v1/captures",
@@ -302,6 +307,7 @@ std::vector<Route> CaptureRoutes(const ApiParts& parts) {
        .request_schema = "ReconstructionRequest",
        .status = 202,
        .schema = "Job",
+       .headers = {JobLocation()},
        .handle =
            [parts](const ApiRequest& request) { return StartReconstruction(parts, request); }},
       {.method = "GET",

@@ -47,7 +47,7 @@ template <typename Act>
 HttpResponse WithJob(const ApiRequest& request, const Act& act) {
   const std::string& text = request.path.at("job");
   const std::optional<int64_t> number = Number(text);
-  if (!number) return Problem(400, "job: '" + text + "' is no number of a job");
+  if (!number) return Problem(404, "job: '" + text + "' is no number of a job");
   const Result<JobRecord> job = act(*number);
   if (!job && job.error().code == ErrorCode::kInvalidArgument) {
     return Problem(409, job.error().ToString());

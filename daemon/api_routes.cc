@@ -166,7 +166,7 @@ HttpResponse Router::Call(const Route& route, const HttpTarget& target,
   ApiRequest call{request, *Fit(route, target.segments), target.query};
   for (const auto& [name, value] : call.path) {
     if (!IsStoreId(value)) {
-      return Problem(400, name + ": '" + value.substr(0, 100) +
+      return Problem(404, name + ": '" + value.substr(0, 100) +
                               "' is no name: expected 1 to 100 letters, digits, '-', '_' and '.', "
                               "the first a letter or digit");
     }

@@ -27,6 +27,13 @@ struct QueryParameter {
   bool required = false;
 };
 
+/// A header of answers, beside those that HTTP has in any.
+struct ResponseHeader {
+  std::string name;
+  std::string description;
+  bool always = true;
+};
+
 /// One operation of the API: what the router does and what the OpenAPI document says of it.
 struct Route {
   std::string method;  // "GET"
@@ -38,7 +45,8 @@ struct Route {
   std::string request_schema = {};  // of the body; empty: takes none
   int status = 200;                 // of success
   std::string content_type = "application/json";
-  std::string schema = {};  // of the answer, when it is JSON
+  std::string schema = {};                   // of the answer, when it is JSON
+  std::vector<ResponseHeader> headers = {};  // of the answer, when it is a success
   // Statuses with which it refuses for reasons of its own.
   std::vector<std::pair<int, std::string>> refusals = {};
   std::function<HttpResponse(const ApiRequest&)> handle = nullptr;

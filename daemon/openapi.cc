@@ -53,9 +53,36 @@ Json Parameters(const Route& route) {
   return parameters;
 }
 
-Json Refusal(const std::string& why) {
-  return {{"description", why},
-          {"content", {{"application/problem+json", {{"schema", SchemaOf("Problem")}}}}}};
+/// `headers`: those that it may have.
+Json Response(const std::string& description, const std::string& content_type, const Json& schema,
+              const std::vector<ResponseHeader>& headers) {
+  Json response = {{"description", description}};
+  for (const ResponseHeader& header : headers) {
+    response["headers"][header.name] = {{"description", header.description},
+                                        {"required", header.always},
+                                        {"schema", {{"type", "string"}}}};
+  }
+  response["content"] = {{content_type, {{"schema", schema}}}};
+  return response;
+}
+
+Json Refusal(const std::string& why, const std::vector<ResponseHeader>& headers = {}) {
+  return Response(why, "application/problem+json", SchemaOf("Problem"), headers);
+}
+
+/// What the answer is when it is a success.
+Json AnswerSchema(const Route& route) {
+  if (!route.schema.empty()) return SchemaOf(route.schema);
+  if (route.content_type == "application/json") return {{"type", "object"}};
+  if (route.content_type.starts_with("text/")) return {{"type", "string"}};
+  return {{"type", "string"}, {"format", "binary"}};
+}
+
+/// What the router refuses of any route that takes a body.
+Json BodyRefusal() {
+  return Refusal("The body is no JSON, or is packed",
+                 {{"Accept", "Of a body that is no JSON: what is taken", false},
+                  {"Accept-Encoding", "Of a packed body: what is taken", false}});
 }
 
 /// Whether an object of this schema has fields that must be there: then no empty body will do.
@@ -75,14 +102,17 @@ Json Operation(const Route& route, const Json& schemas) {
         {"required", NeedsFields(schemas[route.request_schema])},
         {"content", {{"application/json", {{"schema", SchemaOf(route.request_schema)}}}}}};
   }
-  Json content = {{route.content_type, Json::object()}};
-  if (!route.schema.empty()) content[route.content_type]["schema"] = SchemaOf(route.schema);
   Json& responses = operation["responses"];
-  responses[std::to_string(route.status)] = {{"description", "Done"}, {"content", content}};
+  responses[std::to_string(route.status)] =
+      Response("Done", route.content_type, AnswerSchema(route), route.headers);
   for (const auto& [status, why] : route.refusals) {
     responses[std::to_string(status)] = Refusal(why);
   }
-  responses["default"] = Refusal("Refused or failed: `detail` says why");
+  if (!route.request_schema.empty()) responses["415"] = BodyRefusal();
+  responses["default"] =
+      Refusal("Refused or failed: `detail` says why",
+              {{"Allow", "Of 405: the methods that the path has", false},
+               {"Retry-After", "Of 503: in how many seconds it is worth another try", false}});
   return operation;
 }
 

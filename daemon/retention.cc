@@ -4,13 +4,13 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <system_error>
 
 #include "daemon/store_captures.h"
 #include "daemon/store_internal.h"
 #include "daemon/store_reconstructions.h"
 #include "daemon/store_sql.h"
+#include "sfm/core/size_text.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -132,13 +132,12 @@ Result<std::vector<std::string>> ApplyRetention(Store& store, const RetentionPol
 Status CheckDiskReserve(Store& store, uint64_t reserve_bytes) {
   ROTUNDA_ASSIGN_OR_RETURN(const DiskRoom room, store.LeastRoom());
   if (room.free_bytes >= reserve_bytes) return {};
-  char text[256];
-  std::snprintf(text, sizeof(text),
-                "%s: %.2f GB are free, %.2f GB are kept in reserve; make room (move captures away, "
-                "or set a retention policy), then try again",
-                kBelowReserve, 1e-9 * static_cast<double>(room.free_bytes),
-                1e-9 * static_cast<double>(reserve_bytes));
-  return Error{ErrorCode::kIo, text, room.folder.string()};
+  return Error{ErrorCode::kIo,
+               std::string(kBelowReserve) + ": " + SizeText(room.free_bytes) + " are free, " +
+                   SizeText(reserve_bytes) +
+                   " are kept in reserve; make room (move captures away, or set a retention "
+                   "policy), then try again",
+               room.folder.string()};
 }
 
 bool IsBelowReserve(const Error& error) { return error.message.starts_with(kBelowReserve); }

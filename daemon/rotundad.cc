@@ -18,6 +18,7 @@
 
 #include "config/daemon_config.h"
 #include "daemon/service.h"
+#include "daemon/service_folders.h"
 #include "daemon/service_groups.h"
 #include "daemon/service_log.h"
 #include "daemon/store.h"
@@ -167,6 +168,19 @@ int BackUp(const std::string& file, const config::DaemonConfig& config) {
   return kDone;
 }
 
+/// Of a configuration that nothing is wrong with.
+int Warn(const std::string& file, const config::DaemonConfig& config) {
+  const auto warn = [](const std::string& text) {
+    std::fprintf(stderr, "warning: %s\n", text.c_str());
+  };
+  for (const std::string& missing : MissingGroups(config.access)) warn(missing);
+  for (const Error& doubt : FolderDoubts(config.service)) {
+    warn(config::LocatedIn(file, doubt).ToString());
+  }
+  std::printf("%s: nothing is wrong\n", file.c_str());
+  return kDone;
+}
+
 int Main(int argc, char** argv) {
   Arguments arguments;
   CLI::App app(
@@ -180,7 +194,9 @@ int Main(int argc, char** argv) {
   CLI::Option* check = app.add_flag(
       "--check-config", arguments.check_only,
       "Print everything that is wrong with the configuration and the files it names, a "
-      "line each, and exit: 0 nothing, 1 something. A group that there is not is a warning");
+      "line each, and exit: 0 nothing, 1 something. A group that there is not is a warning, and so "
+      "is a folder of the state or the socket that is not there or that you cannot write (run it "
+      "as the daemon's user), unless systemd makes it");
   app.add_option(
          "--backup", arguments.backup,
          "Write a copy of the database to FILE, which must not exist and only its owner may "
@@ -202,13 +218,7 @@ int Main(int argc, char** argv) {
   const config::CheckedDaemonConfig checked = config::CheckDaemonConfig(arguments.config);
   PrintProblems(checked);
   if (!checked.problems.empty()) return kFailed;
-  if (arguments.check_only) {
-    for (const std::string& missing : MissingGroups(checked.config.access)) {
-      std::fprintf(stderr, "warning: %s\n", missing.c_str());
-    }
-    std::printf("%s: nothing is wrong\n", arguments.config.c_str());
-    return kDone;
-  }
+  if (arguments.check_only) return Warn(arguments.config, checked.config);
   if (arguments.backup) return BackUp(*arguments.backup, checked.config);
   return Serve(arguments, checked.config);
 }

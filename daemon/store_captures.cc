@@ -32,8 +32,8 @@ SELECT c.id, c.captured_at, c.subject, c.ok_frames, c.frames, c.calibration, c.f
 FROM captures c LEFT JOIN reconstructions r ON r.id =
   (SELECT id FROM reconstructions WHERE capture = c.id AND files_gone = 0 )sql") +
          (speakers == Speakers::kOfTheRig ? std::string("AND ") + kSpeaksOfTheRig : "") +
-         " ORDER BY (verdict = 'sure') * (1 + " + kSpeaksOfTheRig +
-         ") DESC, created_at DESC, id DESC LIMIT 1) ";
+         " ORDER BY (verdict = 'sure') * (1 + " + kSpeaksOfTheRig + ") DESC, " +
+         kNewestReconstructionFirst + " LIMIT 1) ";
 }
 
 CaptureRecord ReadCapture(Statement& row) {

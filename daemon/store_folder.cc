@@ -73,6 +73,17 @@ Status MakeWritableFolder(const fs::path& folder) {
   return NotWritable(folder, errno);
 }
 
+Status CheckFolderForWriting(const fs::path& folder) {
+  const fs::path there = NearestThere(folder);
+  if (::faccessat(AT_FDCWD, there.c_str(), R_OK | W_OK | X_OK, AT_EACCESS) == 0) return {};
+  const std::string missing = there == folder ? "" : folder.string() + " is not there; ";
+  return Error{ErrorCode::kIo,
+               missing + there.string() + " is of " + AccessOf(there) + ", and " +
+                   UserName(::geteuid()) +
+                   " cannot write it: expected a folder that the daemon's user can write",
+               ""};
+}
+
 Status CheckWritableFile(const fs::path& file) {
   const bool fine = ::faccessat(AT_FDCWD, file.c_str(), R_OK | W_OK, AT_EACCESS) == 0;
   return fine || errno == ENOENT ? Status() : Status(NotWritable(file, errno));

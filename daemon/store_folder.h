@@ -4,7 +4,7 @@
 
 #include "sfm/core/result.h"
 
-// Private to the .cc files of the store.
+// Private to the .cc files of the store and of the service.
 
 namespace rotunda::daemon {
 
@@ -12,7 +12,11 @@ namespace rotunda::daemon {
 /// whose it is, and what to do.
 Status MakeWritableFolder(const std::filesystem::path& folder);
 
-/// Likewise of a file; fine when it is not there.
+/// Changes nothing. kIo: this process's user cannot write in `folder`, or in what is there above
+/// one that is to be made: whose that is.
+Status CheckFolderForWriting(const std::filesystem::path& folder);
+
+/// As MakeWritableFolder of a file; fine when it is not there.
 Status CheckWritableFile(const std::filesystem::path& file);
 
 }  // namespace rotunda::daemon

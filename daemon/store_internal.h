@@ -31,6 +31,9 @@ inline Error NotFound(const std::string& what, const std::string& id) {
   return {ErrorCode::kNotFound, "there is no " + what + " \"" + id + "\"", ""};
 }
 
+/// Of reconstructions of one capture, in SQL; of those of the same time r10 is newer than r9.
+inline constexpr char kNewestReconstructionFirst[] = "created_at DESC, length(id) DESC, id DESC";
+
 Status CheckPage(const Page& page);
 
 /// Where a list goes on: what the last item of a page has in the columns that the list is sorted

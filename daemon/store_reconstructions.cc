@@ -1,5 +1,9 @@
 #include "daemon/store_reconstructions.h"
 
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <chrono>
 #include <map>
 #include <set>
 #include <system_error>
@@ -71,6 +75,19 @@ Result<ReconstructionRecord> Select(Database& database, const std::string& id) {
                            ReadOne(row.Bind(id), ReadRow));
   if (!record) return NotFound("reconstruction", id);
   return *std::move(record);
+}
+
+/// When the file was written; a time that is yet to come is a clock's that was wrong: now.
+std::string TimeOf(const std::filesystem::path& file, const Store& store) {
+  std::string now = store.Now();
+  struct stat found {};
+  if (::stat(file.c_str(), &found) != 0) return now;
+  const auto written =
+      std::chrono::seconds(found.st_mtim.tv_sec) + std::chrono::nanoseconds(found.st_mtim.tv_nsec);
+  using SystemClock = std::chrono::system_clock;
+  return std::min(
+      TimeText(SystemClock::time_point(std::chrono::duration_cast<SystemClock::duration>(written))),
+      now);
 }
 
 Place PlaceOf(const ReconstructionRecord& record) { return {record.created_at, record.id}; }
@@ -407,12 +424,13 @@ Result<std::string> FreeReconstructionId(Store& store, const std::string& captur
 
 Result<ReconstructionRecord> RecordReconstruction(Store& store, const std::string& id) {
   const std::filesystem::path folder = store.ReconstructionFolder(id);
-  ROTUNDA_ASSIGN_OR_RETURN(const PoseSet poses, ReadPoseSet(folder / "poses.json"));
+  const std::filesystem::path file = folder / "poses.json";
+  ROTUNDA_ASSIGN_OR_RETURN(const PoseSet poses, ReadPoseSet(file));
   if (!IsStoreId(id)) {
     return Error{ErrorCode::kBadInput, "has no usable name", folder.string()};
   }
   ReconstructionRecord record = Describe(id, poses);
-  record.created_at = store.Now();
+  record.created_at = TimeOf(file, store);
   ROTUNDA_ASSIGN_OR_RETURN(const CaptureRecord capture, FindCapture(store, record.capture));
   const Findings findings = FindingsOf(store, poses, capture, id);
   ROTUNDA_RETURN_IF_ERROR(store.Write([&](Database& database, auto& events) -> Status {
@@ -446,8 +464,8 @@ Result<std::vector<ReconstructionRecord>> ListReconstructions(Store& store,
                                                               const std::string& capture) {
   std::vector<ReconstructionRecord> records;
   ROTUNDA_RETURN_IF_ERROR(store.Read([&](Database& database) {
-    Statement row = database.Prepare(std::string(kSelect) +
-                                     "WHERE capture = ? ORDER BY created_at DESC, id DESC");
+    Statement row = database.Prepare(std::string(kSelect) + "WHERE capture = ? ORDER BY " +
+                                     kNewestReconstructionFirst);
     row.Bind(capture);
     while (row.Step()) records.push_back(ReadRow(row));
     return row.status();
@@ -466,10 +484,10 @@ Result<Listing<ReconstructionRecord>> ListReconstructions(Store& store, const st
       ROTUNDA_ASSIGN_OR_RETURN(after, PlaceAfter(page.after, 2, [&](const std::string& id) {
                                  return PlaceOfReconstruction(database, id);
                                }));
-      where += "AND (created_at, id) < (?, ?) ";
+      where += "AND (created_at, length(id), id) < (?2, length(?3), ?3) ";
     }
     Statement rows =
-        database.Prepare(kSelect + where + "ORDER BY created_at DESC, id DESC LIMIT ?");
+        database.Prepare(kSelect + where + "ORDER BY " + kNewestReconstructionFirst + " LIMIT ?");
     rows.Bind(capture);
     for (const std::string& value : after) rows.Bind(value);
     rows.Bind(uint64_t{page.limit + 1});

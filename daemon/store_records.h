@@ -72,7 +72,7 @@ struct ReconstructionRecord {
   std::string id;
   std::string capture;
   std::optional<std::string> calibration;  // its poses are compared with
-  std::string created_at;
+  std::string created_at;                  // when its poses.json was written
   std::string method;
   std::string preset;          // empty: the method has none
   std::string prior = "none";  // "calibration": its poses are no evidence of where cameras stand

@@ -4,7 +4,9 @@
 #include <functional>
 #include <set>
 #include <span>
+#include <string_view>
 #include <system_error>
+#include <tuple>
 #include <utility>
 
 #include "daemon/store_calibrations.h"
@@ -68,8 +70,15 @@ bool IsTemporary(const std::string& name) {
   return name.starts_with('.') && name.find(".tmp-") != std::string::npos;
 }
 
+/// An id without the digits it ends with, how many these are, and these: "x-r9" comes before
+/// "x-r10".
+std::tuple<std::string_view, size_t, std::string_view> OrderOf(std::string_view id) {
+  const size_t digits = id.find_last_not_of("0123456789") + 1;
+  return {id.substr(0, digits), id.size() - digits, id.substr(digits)};
+}
+
 struct FolderListing {
-  std::vector<std::string> ids;  // sorted
+  std::vector<std::string> ids;  // by their numbers (OrderOf)
   std::vector<fs::path> temporaries;
 };
 
@@ -86,7 +95,8 @@ Result<FolderListing> ListFolder(const fs::path& folder) {
     }
   }
   if (failed) return Error{ErrorCode::kIo, failed.message(), folder.string()};
-  std::sort(listing.ids.begin(), listing.ids.end());
+  std::sort(listing.ids.begin(), listing.ids.end(),
+            [](const auto& a, const auto& b) { return OrderOf(a) < OrderOf(b); });
   return listing;
 }
 

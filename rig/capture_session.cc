@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "rig/camera_discovery.h"
+#include "sfm/core/size_text.h"
 
 namespace rotunda::rig {
 namespace {
@@ -28,8 +29,6 @@ constexpr auto kDiagnosisPatience = milliseconds(1500);
 // One broadcast serves all cameras that are looked for at the same time.
 constexpr auto kDiscoveryPatience = milliseconds(500);
 constexpr auto kDiscoveryAge = milliseconds(3000);
-
-std::string Megabytes(size_t bytes) { return std::to_string(bytes / 1'000'000) + " MB"; }
 
 /// Simulated cameras on this machine wait for who receives: small buffers do no harm there.
 Status CheckBuffers(const CaptureOptions& options, size_t payload_bytes) {
@@ -226,7 +225,7 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
   if (stop.stop_requested()) return Stopped();
   if (blocks.size() < ready.size()) {
     return Error{ErrorCode::kFailed,
-                 "memory is full: " + Megabytes(memory_.lent() * memory_.block_bytes()) +
+                 "memory is full: " + SizeText(memory_.lent() * memory_.block_bytes()) +
                      " of frames wait for the disk, and capture.sets_in_memory allows no more; "
                      "nothing is lost, try again when they are written",
                  "frames"};

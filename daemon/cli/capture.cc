@@ -27,6 +27,7 @@
 #include "sfm/core/calibration.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/name_list.h"
+#include "sfm/core/size_text.h"
 
 namespace rotunda::cli {
 namespace {
@@ -204,8 +205,7 @@ void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written,
                 shot.skew.max_us, shot.skew.worst.c_str());
   }
   std::printf("packets sent again: %llu\n", static_cast<unsigned long long>(shot.ResentPackets()));
-  std::printf("Wrote %s (%.0f MB)\n", written.folder.c_str(),
-              1e-6 * static_cast<double>(written.bytes));
+  std::printf("Wrote %s (%s)\n", written.folder.c_str(), SizeText(written.bytes).c_str());
   for (const std::string& note : notes) std::printf("  note: %s\n", note.c_str());
 }
 

@@ -44,14 +44,17 @@ int Show(const Result<Json>& answer, const CommonOptions& common,
   return kDone;
 }
 
+bool WaitsForDisk(const Json& job) {
+  return job.contains("progress") && job["progress"]["stage"] == daemon::kWaitingForDisk;
+}
+
 /// Shows how far a job is; says once that its shot waits for the disk, also where no progress is
 /// shown.
 void ShowProgress(const Json& job, ProgressLine& progress, bool& told_of_disk) {
   if (!job.contains("progress")) return;
   const Json& at = job["progress"];
-  const std::string stage = at["stage"];
-  progress.Update(stage, at["done"], at["total"]);
-  if (stage != daemon::kWaitingForDisk || std::exchange(told_of_disk, true)) return;
+  progress.Update(at["stage"].get<std::string>(), at["done"], at["total"]);
+  if (!WaitsForDisk(job) || std::exchange(told_of_disk, true)) return;
   progress.Tell("job " + job["id"].dump() +
                 ": the shot is taken and waits for the disk: make room there (`rotunda status` "
                 "says where and why)");
@@ -68,20 +71,29 @@ Error Left(const Error& error, const Json& job) {
           error.context};
 }
 
+/// What goes on in the daemon after Ctrl-C, and what ends it, by the last look at the job.
+Error LeftRunning(const Json& job) {
+  const std::string id = job["id"].dump(), cancel = "`rotunda jobs --cancel " + id + "`";
+  return Interrupted("; job " + id + " goes on without this command" +
+                     (WaitsForDisk(job)
+                          ? ": its shot is taken and waits for the disk, and " + cancel +
+                                " is refused: make room there (`rotunda status` says where and "
+                                "why), and it is written; only the end of the daemon gives it up"
+                          : ", " + cancel + " ends it"));
+}
+
 /// Shows a job's progress until it has ended. Ctrl-C leaves it running, and says so.
 Result<Json> FollowJob(const ApiClient& client, const Json& job, const CommonOptions& common) {
   const std::string target = "/v1/jobs/" + job["id"].dump();
   ProgressLine progress(!common.json);
   bool told_of_disk = false;
+  Json last = job;
   const auto begin = std::chrono::steady_clock::now();
   while (true) {
     const Result<Json> now = client.Get(target);
-    if (!now && now.error().code == ErrorCode::kCancelled) {
-      const std::string id = job["id"].dump();
-      return Interrupted("; job " + id + " goes on without this command, `rotunda jobs --cancel " +
-                         id + "` ends it");
-    }
+    if (!now && now.error().code == ErrorCode::kCancelled) return LeftRunning(last);
     if (!now) return Left(now.error(), job);
+    last = *now;
     const std::string state = (*now)["state"];
     if (state == "done") return *now;
     if (state != "queued" && state != "running") {

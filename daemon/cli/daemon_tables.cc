@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "sfm/core/plain_text.h"
+#include "sfm/core/size_text.h"
 
 namespace rotunda::cli {
 namespace {
@@ -120,7 +121,8 @@ void PrintStatus(const Json& status) {
   }
   std::printf("jobs         %zu running, %s queued\n", status["jobs"]["running"].size(),
               status["jobs"]["queued"].dump().c_str());
-  std::printf("disk         %.1f GB free\n", 1e-9 * status["disk"]["free_bytes"].get<double>());
+  std::printf("disk         %s free\n",
+              SizeText(status["disk"]["free_bytes"].get<uint64_t>()).c_str());
   PrintMoved(status);
   for (const Json& problem : status["problems"]) {
     std::printf("  see to: %s\n", ValueText(problem).c_str());

@@ -85,16 +85,38 @@ TEST(DaemonConfig, PathsAreAbsoluteOrBesideTheFile) {
   }
 }
 
-TEST(DaemonConfig, AStateFolderThatIsAFileIsRefused) {
+TEST(DaemonConfig, WhatIsInTheWayOfFoldersAndSocketsIsRefused) {
   const test::TemporaryFolder folder;
-  const std::string file = folder / "d.toml";
+  const std::string file = folder / "d.toml", here = folder.path();
   for (const char* name : {"capture.toml", "cuboid.toml"}) {
     fs::copy_file(Shipped().parent_path() / name, folder / name);
   }
-  std::ofstream(file) << "[service]\nstate_folder = \"" << file << "\"\n";
-  EXPECT_EQ(Texts(CheckDaemonConfig(file).problems),
-            (std::vector<std::string>{file + ":2: service.state_folder: is \"" + file +
-                                      "\", which is there and no folder"}));
+  const auto problems = [&](const std::string& text) {
+    std::ofstream(file) << text;
+    return Texts(CheckDaemonConfig(file).problems);
+  };
+  const auto state_folder = [&](const std::string& path) {
+    return problems("[service]\nstate_folder = \"" + path + "\"\n");
+  };
+  const std::string state = file + ":2: service.state_folder: is \"" + file;
+  EXPECT_EQ(state_folder(file),
+            std::vector<std::string>{state + "\", which is there and no folder"});
+  EXPECT_EQ(state_folder(file + "/a/b"), std::vector<std::string>{state + "/a/b\", but \"" + file +
+                                                                  "\" is there and no folder"});
+  EXPECT_EQ(state_folder(here), std::vector<std::string>());
+  EXPECT_EQ(state_folder(here + "/to/be/made"), std::vector<std::string>());
+  for (const auto& [table, key] :
+       {std::pair("service", "socket"), {"devices", "simulated_socket"}}) {
+    const auto socket = [&, table = table, key = key](const std::string& path) {
+      return problems(std::string("[") + table + "]\n" + key + " = \"" + path + "\"\n");
+    };
+    const std::string told = file + ":2: " + table + "." + key + ": is \"";
+    EXPECT_EQ(socket(here),
+              std::vector<std::string>{told + here + "\", which is there and no socket"});
+    EXPECT_EQ(socket(file + "/s"), std::vector<std::string>{told + file + "/s\", but \"" + file +
+                                                            "\" is there and no folder"});
+    EXPECT_EQ(socket(here + "/gone/s"), std::vector<std::string>());
+  }
 }
 
 TEST(DaemonConfig, WhatNoKeyCanBeSaysWhatIsAllowed) {

@@ -339,6 +339,162 @@ TEST_F(Api, TheDocumentNamesWhatMayBeChosenOfAReconstruction) {
   }
 }
 
+/// A model of one picture, of camera c0, with this lens; as a reconstruction leaves it.
+void WriteModel(const std::filesystem::path& reconstruction, const CameraIntrinsics& lens) {
+  sfm::Reconstruction model;
+  model.intrinsics.lenses = {lens};
+  model.intrinsics.lens_of_image = {0};
+  model.cam_from_model = {Rigid3()};
+  sfm::Features features;
+  features.images.resize(1);
+  FrameSet set;
+  set.frames.emplace_back().file = "frames/c0.png";
+  const auto folder = reconstruction / "sparse" / "0";
+  std::filesystem::create_directories(folder);
+  const Status written =
+      sfm::WriteColmapModel(model, features, set, folder, sfm::ColmapEncoding::kBinary);
+  ASSERT_TRUE(written.ok()) << written.error().ToString();
+}
+
+std::string HeaderOf(const HttpResponse& answer, const std::string& name) {
+  for (const auto& [key, value] : answer.headers) {
+    if (key == name) return value;
+  }
+  return "";
+}
+
+/// Holds headers of answers against what the document says of them.
+class HeaderCheck {
+ public:
+  explicit HeaderCheck(const Json& document) : paths_(document["paths"]) {
+    for (const auto& [path, operations] : paths_.items()) {
+      for (const auto& [method, operation] : operations.items()) {
+        for (const auto& [status, response] : operation["responses"].items()) {
+          const Json headers = HeadersIn(response);
+          for (const auto& [name, header] : headers.items()) {
+            documented_.insert(Place(operation, status, name));
+          }
+        }
+      }
+    }
+  }
+  void Add(const Route& route, const HttpResponse& answer) {
+    std::string method = route.method;
+    for (char& letter : method) letter = static_cast<char>(std::tolower(letter));
+    const Json& operation = paths_[route.path][method];
+    std::string status = std::to_string(answer.status);
+    if (!operation["responses"].contains(status)) status = "default";
+    const Json headers = HeadersIn(operation["responses"][status]);
+    for (const auto& [name, value] : answer.headers) sent_.insert(Place(operation, status, name));
+    for (const auto& [name, header] : headers.items()) {
+      EXPECT_TRUE(!header["required"].get<bool>() || !HeaderOf(answer, name).empty())
+          << route.operation << " " << name;
+    }
+  }
+  void ExpectThatTheSameWereSent() const { EXPECT_EQ(sent_, documented_); }
+
+ private:
+  static Json HeadersIn(const Json& response) { return response.value("headers", Json::object()); }
+  /// What any operation may answer is the same for all.
+  static std::string Place(const Json& operation, const std::string& status,
+                           const std::string& name) {
+    const std::string of = operation["operationId"];
+    return (status == "default" ? "any" : of) + " " + status + " " + name;
+  }
+
+  const Json paths_;
+  std::set<std::string> documented_, sent_;
+};
+
+TEST_F(Api, TheDocumentSaysWhichHeadersAnswersHave) {
+  Fill();
+  WriteModel(state_.store().ReconstructionFolder(kReconstruction),
+             {CameraModel::kOpencv, 8, 8, {10, 10, 4, 4, 0, 0, 0, 0}});
+  room_ = Status();
+  HeaderCheck check(Document());
+  const auto call_all = [&](const std::map<std::string, std::string>& headers) {
+    for (const Route& route : router_->routes()) {
+      const std::string target =
+          WithIds(route.path) + (route.operation == "getExport" ? "?format=colmap" : "");
+      const std::string body = route.request_schema.empty() ? "" : "{}";
+      check.Add(route, Call(route.method, target, body, Role::kOperator, headers));
+      check.Add(route, Call("PATCH", target));
+    }
+  };
+  call_all({});
+  call_all({{"content-type", "text/xml"}});
+  call_all({{"content-encoding", "gzip"}});
+  jobs_ = std::make_unique<JobQueue>(
+      state_.store(),
+      JobHandlers{HandlerThatTakesAll(), HandlerThatTakesAll(), HandlerThatTakesAll()},
+      JobQueue::Options{.max_queued = 0});
+  ServeCamerasOf(station_);
+  call_all({});
+  check.ExpectThatTheSameWereSent();
+}
+
+TEST_F(Api, TheDocumentSaysWhatEveryAnswerIs) {
+  const Json document = Document();
+  for (const auto& [path, operations] : document["paths"].items()) {
+    for (const auto& [method, operation] : operations.items()) {
+      for (const auto& [status, response] : operation["responses"].items()) {
+        ASSERT_EQ(response["content"].size(), 1u) << path;
+        const auto content = response["content"].items().begin();
+        const Json& schema = content.value()["schema"];
+        const bool is_json = content.key().ends_with("json");
+        EXPECT_TRUE(schema.contains("$ref") || schema["type"] == (is_json ? "object" : "string"))
+            << method << " " << path << " " << status << schema;
+      }
+    }
+  }
+  const Json& get = document["paths"]["/v1/captures/{capture}/frames/{camera}.png"]["get"];
+  EXPECT_EQ(get["responses"]["200"]["content"]["image/png"]["schema"]["format"], "binary");
+}
+
+/// A result with everything that may be left out of one.
+PoseSet FullPoses() {
+  PoseSet poses = MovedPoses();
+  poses.options = {{"preset", "rig"}};
+  CameraPose& pose = poses.cameras[0];
+  pose.sigma->focal_px = 0.1;
+  pose.side = "front";
+  pose.segments = {3};
+  pose.vs_calibration->swapped_with = "c1";
+  pose.vs_calibration->wrong_side = pose.vs_calibration->far_off = true;
+  pose.evidence = PoseEvidence{1.5, OtherPose{170, 1, 2}, true, true};
+  CameraPose& unregistered = poses.cameras.emplace_back();
+  unregistered.camera = "c2";
+  unregistered.reason = "3 inliers";
+  poses.segments = {{3, 4, true, "front", 5, 6, {3}}};
+  poses.summary.mean_rotation_deg = poses.summary.mean_position_mm = 0.5;
+  poses.summary.verdict_of_pictures = "sure";
+  poses.summary.margin = 12;
+  return poses;
+}
+
+Calibration FullCalibration() {
+  Calibration calibration = TwoCameras();
+  calibration.id = kCalibration;
+  CalibratedCamera& camera = calibration.cameras[0];
+  camera.covariance = Eigen::MatrixXd::Identity(14, 14);
+  camera.fit = CameraFit{10, 9, 0.1, 0.2, 0.3};
+  CalibratedFace& face = calibration.board.emplace_back();
+  face.face = "front";
+  face.sigma = FaceSigma{0.1, 0.2, 0.3};
+  face.print = FacePrint{5, 7, 40, 30, "DICT", 0, false};
+  calibration.residuals = CalibrationResiduals{10, 9, 0.1, 1, 0.2, 0.3, 1, 1};
+  return calibration;
+}
+
+TEST_F(Api, TheDocumentKnowsAllThatFilesMayHold) {
+  const Json schemas = Document()["components"]["schemas"];
+  const auto problem = [&](const std::string& text, const char* schema) {
+    return test::SchemaProblem(Json::parse(text), schemas[schema], schemas);
+  };
+  EXPECT_EQ(problem(PoseSetToJson(FullPoses()), "Poses"), "");
+  EXPECT_EQ(problem(CalibrationToJson(FullCalibration()), "CalibrationFile"), "");
+}
+
 /// A simulated camera that Fill() knows.
 test::SimulatedRig::Options OneCamera() {
   test::SimulatedRig::Options options;
@@ -371,8 +527,9 @@ TEST_F(Api, EveryReadAnswersAsTheDocumentSays) {
     EXPECT_EQ(answer.content_type, route.content_type) << target;
     EXPECT_TRUE(!answer.file || std::filesystem::exists(*answer.file)) << target;
     if (route.schema.empty()) continue;
-    EXPECT_EQ(test::SchemaProblem(Json::parse(answer.body), schemas[route.schema], schemas), "")
-        << target << answer.body;
+    const std::string body = answer.file ? test::TextOf(*answer.file) : answer.body;
+    EXPECT_EQ(test::SchemaProblem(Json::parse(body), schemas[route.schema], schemas), "")
+        << target << body;
   }
 }
 
@@ -852,7 +1009,6 @@ TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
   }
   EXPECT_EQ(Call("POST", "/v1/calibrations/x/activate").status, 404);
   EXPECT_EQ(Call("DELETE", "/v1/jobs/999").status, 404);
-  EXPECT_EQ(Get("/v1/jobs/01").status, 400) << "no number of a job is written so";
   EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export").status, 400) << "which format?";
   EXPECT_EQ(Get("/v1/captures/20260101T100000Z/export?format=vrml").status, 400);
   test::WriteTinyFrameSet(state_.store().CaptureFolder("new"), "2026-01-02T10:00:00Z");
@@ -862,21 +1018,18 @@ TEST_F(Api, WhatIsNotThereIs404WithTheReason) {
   EXPECT_NE(poses.body.find("not reconstructed yet"), std::string::npos) << poses.body;
 }
 
-/// A model of one picture, of camera c0, with this lens; as a reconstruction leaves it.
-void WriteModel(const std::filesystem::path& reconstruction, const CameraIntrinsics& lens) {
-  sfm::Reconstruction model;
-  model.intrinsics.lenses = {lens};
-  model.intrinsics.lens_of_image = {0};
-  model.cam_from_model = {Rigid3()};
-  sfm::Features features;
-  features.images.resize(1);
-  FrameSet set;
-  set.frames.emplace_back().file = "frames/c0.png";
-  const auto folder = reconstruction / "sparse" / "0";
-  std::filesystem::create_directories(folder);
-  const Status written =
-      sfm::WriteColmapModel(model, features, set, folder, sfm::ColmapEncoding::kBinary);
-  ASSERT_TRUE(written.ok()) << written.error().ToString();
+TEST_F(Api, WhatCanBeNoNameIs404InAPathAnd400InAQuery) {
+  ASSERT_EQ(Call("POST", "/v1/captures").status, 202);
+  for (const char* target : {"/v1/jobs/abc", "/v1/jobs/01", "/v1/jobs/-1", "/v1/jobs/1x",
+                             "/v1/captures/a%20b", "/v1/calibrations/.hidden/report"}) {
+    EXPECT_EQ(Get(target).status, 404) << target;
+  }
+  EXPECT_EQ(Call("DELETE", "/v1/jobs/abc").status, 404);
+  EXPECT_EQ(Call("POST", "/v1/jobs/01/rerun").status, 404) << "not job 1";
+  for (const char* target :
+       {"/v1/jobs?after=a%20b", "/v1/events?after=zzz", "/v1/jobs?limit=x", "/v1/captures/%zz"}) {
+    EXPECT_EQ(Get(target).status, 400) << target;
+  }
 }
 
 TEST_F(Api, AModelThatAFormatCannotHoldIs422) {
@@ -903,13 +1056,6 @@ TEST_F(Api, AModelThatAFormatCannotHoldIs422) {
   const Json operation = Document()["paths"]["/v1/captures/{capture}/export"]["get"];
   EXPECT_TRUE(operation["responses"].contains("422"));
   EXPECT_TRUE(operation["responses"]["422"]["content"].contains("application/problem+json"));
-}
-
-std::string HeaderOf(const HttpResponse& answer, const std::string& name) {
-  for (const auto& [key, value] : answer.headers) {
-    if (key == name) return value;
-  }
-  return "";
 }
 
 TEST_F(Api, AnExportThatIsNotSureSaysSo) {

@@ -143,7 +143,8 @@ TEST(DiskReserve, IsRefusedWithWhatToDo) {
   const Status full = CheckDiskReserve(state.store(), uint64_t{1} << 60);
   ASSERT_FALSE(full.ok());
   EXPECT_EQ(full.error().code, ErrorCode::kIo);
-  EXPECT_NE(full.error().message.find("make room"), std::string::npos);
+  EXPECT_NE(full.error().message.find("1.15 EB are kept in reserve; make room"), std::string::npos)
+      << full.error().message;
   EXPECT_TRUE(IsBelowReserve(full.error()));
   const fs::path captures = state.folder() / "captures";
   fs::remove(captures);

@@ -6,6 +6,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -22,6 +23,8 @@
 #include "daemon/store_events.h"
 #include "daemon/store_jobs.h"
 #include "daemon/store_reconstructions.h"
+#include "sfm/core/pose_set.h"
+#include "tests/support/as_nobody.h"
 #include "tests/support/daemon_state.h"
 
 namespace {
@@ -112,20 +115,13 @@ TEST(Store, KeepsACaptureOverARestart) {
   EXPECT_NE(FreeCaptureId(state.store()).value(), id);
 }
 
-/// What the store says that this thread opens as a user who is nobody; of root as of others, who
-/// own what they make.
+/// What the store says that is opened by nobody.
 std::string OpenedAsNobody(DaemonState& state) {
-  constexpr int kNobody = 65534;
   std::string said;
-  std::jthread([&] {
-    if (::geteuid() == 0) {
-      // These, without libc, are of the calling thread alone.
-      EXPECT_EQ(syscall(SYS_setresgid, -1, kNobody, -1), 0);
-      EXPECT_EQ(syscall(SYS_setresuid, -1, kNobody, -1), 0);
-    }
+  test::AsNobody([&] {
     const auto opened = state.TryOpen();
     said = opened ? "nothing" : opened.error().ToString();
-  }).join();
+  });
   return said;
 }
 
@@ -181,6 +177,63 @@ TEST(Store, AdoptsWhatACrashLeftAndRemovesHalfWrittenFolders) {
   EXPECT_FALSE(fs::exists(state.folder() / "captures/.killed.tmp-123-0"));
   EXPECT_EQ(FindCapture(store, "orphan")->frames, 2u);
   EXPECT_EQ(FindCalibration(store, "found")->cameras, 1u);
+}
+
+/// reconstructions/<capture>-r<number>, written at `time`.
+void WriteReconstructionFolder(const fs::path& state_folder, const std::string& capture, int number,
+                               std::chrono::sys_seconds time) {
+  PoseSet poses;
+  poses.frameset = capture;
+  poses.method = "plain";
+  const fs::path folder =
+      state_folder / "reconstructions" / (capture + "-r" + std::to_string(number));
+  fs::create_directories(folder);
+  ASSERT_TRUE(WriteNewFile(folder / "poses.json", PoseSetToJson(poses)));
+  fs::last_write_time(folder / "poses.json", std::chrono::file_clock::from_sys(time));
+}
+
+TEST(Store, AdoptsReconstructionsInTheOrderOfTheirNumbersWithTheirOwnTime) {
+  using namespace std::chrono_literals;
+  constexpr int kFound = 11;
+  const std::chrono::sys_seconds made = std::chrono::sys_days(2025y / 12 / 31) + 10h;
+  DaemonState state;
+  state.Close();
+  WriteTinyFrameSet(state.folder() / "captures/x", "2025-12-31T09:00:00Z");
+  std::vector<std::string> oldest_first = {"captures/x"};
+  for (int number = 1; number <= kFound; ++number) {
+    WriteReconstructionFolder(state.folder(), "x", number, made);
+    oldest_first.push_back("reconstructions/x-r" + std::to_string(number));
+  }
+  Store& store = state.Reopen();
+  EXPECT_EQ(store.recovery().adopted, oldest_first);
+  // A page at a time, as a client reads them; of all that are alike the newest speaks.
+  std::vector<std::string> newest_first;
+  Page page{4, ""};
+  do {
+    const auto listing = ListReconstructions(store, "x", page);
+    ASSERT_TRUE(listing.ok()) << listing.error().ToString();
+    for (const ReconstructionRecord& record : listing->items) {
+      EXPECT_EQ(record.created_at, "2025-12-31T10:00:00.000Z") << record.id;
+      newest_first.push_back("reconstructions/" + record.id);
+    }
+    page.after = listing->next;
+  } while (!page.after.empty());
+  newest_first.emplace_back("captures/x");
+  EXPECT_EQ(newest_first, std::vector<std::string>(oldest_first.rbegin(), oldest_first.rend()));
+  EXPECT_EQ(ListReconstructions(store, "x")->front().id, "x-r11");
+  EXPECT_EQ(FindCapture(store, "x")->reconstruction, "x-r11");
+}
+
+TEST(Store, AReconstructionWhoseFileIsOfATimeToComeIsOfNow) {
+  using namespace std::chrono_literals;
+  DaemonState state;
+  state.Close();
+  WriteTinyFrameSet(state.folder() / "captures/x", "2025-12-31T09:00:00Z");
+  WriteReconstructionFolder(state.folder(), "x", 1, std::chrono::sys_days(2100y / 1 / 1));
+  Store& store = state.Reopen();
+  const auto found = FindReconstruction(store, "x-r1");
+  ASSERT_TRUE(found.ok()) << found.error().ToString();
+  EXPECT_LT(found->created_at, store.Now());
 }
 
 TEST(Store, AdoptsManyFoldersTogetherAndSaysThatItIsStillAtIt) {

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <filesystem>
@@ -751,14 +752,20 @@ TEST(DaemonStart, SaysEverythingThatIsWrongAndEnds) {
   for (const char* name : {"capture.toml", "cuboid.toml"}) {
     fs::copy_file(std::string(ROTUNDA_SOURCE_DIR) + "/config/" + name, folder / name);
   }
-  std::ofstream(folder / "groups.toml")
-      << "[access]\nviewer_group = \"root\"\noperator_group = \"nobody-has-this\"\n";
-  const ProcessOutcome groups =
-      RunProcess({ROTUNDA_DAEMON, "--check-config", "--config", folder / "groups.toml"});
-  EXPECT_EQ(groups.exit_code, 0);
-  EXPECT_EQ(groups.errors,
+  const std::string doubtful = folder / "doubtful.toml", gone = folder / "gone";
+  std::ofstream(doubtful)
+      << "[access]\nviewer_group = \"root\"\noperator_group = \"nobody-has-this\"\n"
+      << "[service]\nstate_folder = \"" << (folder / "state").string() << "\"\nsocket = \"" << gone
+      << "/api.sock\"\n";
+  const ProcessOutcome warned =
+      RunProcess({ROTUNDA_DAEMON, "--check-config", "--config", doubtful});
+  EXPECT_EQ(warned.exit_code, 0);
+  EXPECT_EQ(warned.errors,
             "warning: access.operator_group: there is no group 'nobody-has-this': nobody has its "
-            "rights\n");
+            "rights\nwarning: " +
+                doubtful + ":6: service.socket: " + gone +
+                ": is not there: expected a folder that the daemon's user can write, or a socket "
+                "that systemd listens on (rotunda.socket)\n");
 }
 
 TEST(ClientCommands, AskForWhatTheirOptionsSay) {
@@ -844,6 +851,8 @@ class ScriptedDaemon {
     close(listening_);
   }
   fs::path Socket() const { return folder_ / "api.sock"; }
+  /// How many requests were answered.
+  int answered() const { return answered_; }
 
  private:
   int Take() { return taken_ = accept(listening_, nullptr, nullptr); }
@@ -852,15 +861,19 @@ class ScriptedDaemon {
     char request[4096];
     const std::string answer =
         "HTTP/1.1 200 OK\r\nContent-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body;
-    EXPECT_GT(recv(taken_, request, sizeof(request), 0), 0);
-    EXPECT_EQ(send(taken_, answer.data(), answer.size(), MSG_NOSIGNAL),
-              static_cast<ssize_t>(answer.size()));
+    // A client that was interrupted has gone.
+    if (recv(taken_, request, sizeof(request), 0) > 0 &&
+        send(taken_, answer.data(), answer.size(), MSG_NOSIGNAL) ==
+            static_cast<ssize_t>(answer.size())) {
+      ++answered_;
+    }
     close(taken_);
   }
 
   test::TemporaryFolder folder_;
   int listening_;
   int taken_ = -1;
+  std::atomic<int> answered_ = 0;
   std::thread thread_;
 };
 
@@ -884,6 +897,37 @@ TEST(ClientCommands, SayOnceThatAShotWaitsForTheDiskAlsoInAPipe) {
   EXPECT_EQ(outcome.errors,
             "rotunda: job 7: the shot is taken and waits for the disk: make room there (`rotunda "
             "status` says where and why)\nrotunda: job 7: a reason\n");
+}
+
+/// What `rotunda capture` says after Ctrl-C while its job, number 7, is at `stage`.
+std::string SaidAfterCtrlC(const std::string& stage) {
+  const std::string running = R"({"id": 7, "state": "running", "progress": {"stage": ")" + stage +
+                              R"(", "done": 0, "total": 1}})";
+  std::vector<std::string> answers(1000, running);
+  answers.insert(answers.begin(), R"({"id": 7})");
+  const ScriptedDaemon daemon(answers);
+  const test::TemporaryFolder folder;
+  BackgroundProcess command({{ROTUNDA_COMMAND, "capture", "--socket", daemon.Socket()},
+                             {},
+                             std::nullopt,
+                             folder / "said"});
+  // The job's number, how far it is, and a request more: by then the command has read that.
+  EXPECT_TRUE(WaitUntil([&] { return daemon.answered() >= 3; })) << command.Output();
+  command.Signal(SIGINT);
+  EXPECT_EQ(command.Wait(), 130) << command.Output();
+  return command.Output();
+}
+
+TEST(ClientCommands, SayAfterCtrlCWhatGoesOnAndWhatEndsIt) {
+  EXPECT_EQ(SaidAfterCtrlC("exposing"),
+            "rotunda: interrupted; job 7 goes on without this command, `rotunda jobs --cancel 7` "
+            "ends it\n");
+  const std::string waits = SaidAfterCtrlC("waiting for the disk");
+  EXPECT_TRUE(test::Contains(
+      waits,
+      "interrupted; job 7 goes on without this command: its shot is taken and waits for the "
+      "disk, and `rotunda jobs --cancel 7` is refused: make room there"))
+      << waits;
 }
 
 TEST(ClientCommands, SayWhatToDoWithoutADaemon) {
