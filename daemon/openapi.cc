@@ -75,13 +75,13 @@ Json AnswerSchema(const Route& route) {
   if (!route.schema.empty()) return SchemaOf(route.schema);
   if (route.content_type == "application/json") return {{"type", "object"}};
   if (route.content_type.starts_with("text/")) return {{"type", "string"}};
-  return {{"type", "string"}, {"format", "binary"}};
+  return {{"contentMediaType", route.content_type}};
 }
 
 /// What the router refuses of any route that takes a body.
 Json BodyRefusal() {
-  return Refusal("The body is no JSON, or is packed",
-                 {{"Accept", "Of a body that is no JSON: what is taken", false},
+  return Refusal("Content-Type is another than application/json, or the body is packed",
+                 {{"Accept", "Of another Content-Type: what is taken", false},
                   {"Accept-Encoding", "Of a packed body: what is taken", false}});
 }
 

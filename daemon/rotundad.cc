@@ -201,7 +201,7 @@ int Main(int argc, char** argv) {
          "--backup", arguments.backup,
          "Write a copy of the database to FILE, which must not exist and only its owner may "
          "read, and exit; also while a daemon runs. Pictures and results are files: copy them with "
-         "any program")
+         "what keeps their times (cp -a)")
       ->type_name("FILE")
       ->excludes(check);
   app.footer(

@@ -316,7 +316,21 @@ Status InsertUnregistered(Database& database, const std::vector<UnregisteredReco
   return {};
 }
 
-/// Of a capture that is reconstructed again the new findings count.
+/// Whether a newer reconstruction of the capture has spoken: folders without a row are adopted in
+/// the order of their numbers, which need not be that of their times.
+Result<bool> IsOutdated(Database& database, const DriftRecord& any) {
+  Statement newer = database.Prepare(
+      "SELECT 1 FROM drift JOIN reconstructions AS r ON r.id = drift.reconstruction "
+      "JOIN reconstructions AS mine ON mine.id = ? "
+      "WHERE drift.capture = ? AND drift.calibration = ? AND "
+      "(r.created_at, length(r.id), r.id) > (mine.created_at, length(mine.id), mine.id) LIMIT 1");
+  newer.Bind(any.reconstruction).Bind(any.capture).Bind(any.calibration);
+  const bool found = newer.Step();
+  ROTUNDA_RETURN_IF_ERROR(newer.status());
+  return found;
+}
+
+/// Of a capture that is reconstructed again the newest findings count.
 Status ReplaceFindings(Database& database, const Findings& findings) {
   const DriftRecord& any = findings.drift[0];
   for (const std::string table : {"drift", "unregistered"}) {
@@ -394,6 +408,8 @@ Status AddFindings(Database& database, const Findings& findings, size_t captures
                    std::vector<EventRecord>& events) {
   if (findings.drift.empty()) return {};
   const std::string& calibration = findings.drift[0].calibration;
+  ROTUNDA_ASSIGN_OR_RETURN(const bool is_outdated, IsOutdated(database, findings.drift[0]));
+  if (is_outdated) return {};
   ROTUNDA_ASSIGN_OR_RETURN(const Watch before,
                            WatchAgainst(database, calibration, captures_to_name));
   ROTUNDA_RETURN_IF_ERROR(ReplaceFindings(database, findings));

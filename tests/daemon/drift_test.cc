@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <random>
 
 #include "daemon/store_calibrations.h"
@@ -147,11 +149,14 @@ class DriftTest : public ::testing::Test {
     test::WriteTinyFrameSet(store().CaptureFolder(id), time);
     ASSERT_TRUE(RecordCapture(store(), id, std::nullopt).ok());
   }
-  ReconstructionRecord Record(int number, const PoseSet& poses, const std::string& suffix = "-r1") {
+  ReconstructionRecord Record(int number, const PoseSet& poses, const std::string& suffix = "-r1",
+                              std::chrono::seconds age = {}) {
     const std::string id = Name(number) + suffix;
     const auto folder = store().ReconstructionFolder(id);
     std::filesystem::create_directories(folder);
-    EXPECT_TRUE(WriteNewFile(folder / "poses.json", PoseSetToJson(poses)));
+    const auto file = folder / "poses.json";
+    EXPECT_TRUE(WriteNewFile(file, PoseSetToJson(poses)));
+    std::filesystem::last_write_time(file, std::filesystem::last_write_time(file) - age);
     const auto record = RecordReconstruction(store(), id);
     EXPECT_TRUE(record.ok()) << record.error().ToString();
     return *record;
@@ -299,6 +304,19 @@ TEST_F(DriftTest, PosesThatHadTheCalibrationAsPriorSayNothingOfDrift) {
   const auto drift = DriftHistory(store(), "c01r0", {50, ""});
   ASSERT_EQ(drift->items.size(), 1u);
   EXPECT_EQ(drift->items[0].reconstruction, "x1-r2");
+}
+
+/// As when a full disk kept its row out, and a start adopts its folder after another was made.
+TEST_F(DriftTest, AnOlderReconstructionThatIsRecordedLaterDoesNotReplaceWhatTheNewestSaid) {
+  const Shake moved{"c01r0", {0, 0.5, 0}, 3};
+  Capture(1);
+  Record(1, PosesOf(calibration_, "x1", {}), "-r2");
+  Record(1, PosesOf(calibration_, "x1", moved), "-r1", std::chrono::years(5));
+  EXPECT_EQ(FindCapture(store(), "x1")->reconstruction, "x1-r2");
+  const auto drift = DriftHistory(store(), "c01r0", {50, ""});
+  ASSERT_EQ(drift->items.size(), 1u);
+  EXPECT_EQ(drift->items[0].reconstruction, "x1-r2");
+  EXPECT_TRUE(EventsOf("camera_moved").empty());
 }
 
 /// Nothing but the ring that the preset rig asks for shows some folds.
