@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <sstream>
 #include <utility>
 
@@ -163,15 +164,29 @@ bool IsOther(fs::file_type found, fs::file_type expected) {
          found != fs::file_type::unknown;
 }
 
-/// What keeps `folder` from being there or being made: itself or one above it; empty: nothing.
+/// What keeps `folder` from being there or being made: itself or one above it; empty: nothing. A
+/// link that leads nowhere does.
 fs::path InTheWayOf(const fs::path& folder) {
   for (fs::path place = folder; place.has_relative_path(); place = place.parent_path()) {
-    std::error_code ignored;
-    const fs::file_type found = fs::status(place, ignored).type();
+    std::error_code failed, ignored;
+    const fs::file_type found = fs::status(place, failed).type();
     if (IsOther(found, fs::file_type::directory)) return place;
-    if (found != fs::file_type::not_found) break;
+    const bool leads_nowhere =
+        found == fs::file_type::not_found || failed == std::errc::too_many_symbolic_link_levels;
+    if (!leads_nowhere) break;
+    if (fs::is_symlink(place, ignored)) return place;
   }
   return {};
+}
+
+/// What is at `place`, where a `kind` is to be.
+std::string FoundAt(const fs::path& place, const std::string& kind) {
+  std::error_code no_link, failed;
+  const fs::path target = fs::read_symlink(place, no_link);
+  if (no_link) return "is there and no " + kind;
+  const bool leads_there = fs::exists(fs::status(place, failed));
+  return "is a link to \"" + target.string() + "\"" +
+         (leads_there ? " and no " + kind : " (" + failed.message() + ")");
 }
 
 /// Refuses folders and sockets in whose place something else is.
@@ -180,21 +195,23 @@ void CheckPlaces(const DaemonConfig& config, const Refuse& refuse) {
     const fs::path found = InTheWayOf(folder);
     if (found.empty()) return;
     refuse(key, "is \"" + path + "\", " +
-                    (found == path ? "which" : "but \"" + found.string() + "\"") +
-                    " is there and no folder");
+                    (found == path ? "which " : "but \"" + found.string() + "\" ") +
+                    FoundAt(found, "folder") + ", expected a folder that is there or can be made");
   };
-  const auto check_socket = [&](const char* key, const std::string& path) {
+  const auto check_socket = [&](const char* key, const std::string& path, fs::file_status there) {
     check_folder(key, path, fs::path(path).parent_path());
-    std::error_code ignored;
-    if (IsOther(fs::status(path, ignored).type(), fs::file_type::socket)) {
-      refuse(key, "is \"" + path + "\", which is there and no socket");
-    }
+    if (!IsOther(there.type(), fs::file_type::socket)) return;
+    refuse(key, "is \"" + path + "\", which " + FoundAt(path, "socket") +
+                    ", expected a socket or a name that is free");
   };
+  std::error_code ignored;
   const std::string& state_folder = config.service.state_folder;
   check_folder("service.state_folder", state_folder, state_folder);
-  check_socket("service.socket", config.service.socket);
-  if (!config.devices.simulated_socket.empty()) {
-    check_socket("devices.simulated_socket", config.devices.simulated_socket);
+  const std::string& socket = config.service.socket;
+  check_socket("service.socket", socket, fs::symlink_status(socket, ignored));  // no link is bound
+  const std::string& simulated = config.devices.simulated_socket;
+  if (!simulated.empty()) {
+    check_socket("devices.simulated_socket", simulated, fs::status(simulated, ignored));
   }
 }
 
@@ -224,10 +241,11 @@ void CheckNamedFiles(const fs::path& folder, const Refuse& refuse, CheckedDaemon
 
 CheckedDaemonConfig CheckDaemonConfigText(const std::string& text, const std::string& source) {
   CheckedDaemonConfig checked;
-  const Result<TomlFile> file = TomlFile::Parse(text, source);
+  Result<TomlFile> file = TomlFile::Parse(text, source);
   if (!file) return {{}, {file.error()}};
-  checked.problems = file->ReadAll(Sections(checked.config));
-  file->AddLocated(WrongValues(checked.config), checked.problems);
+  checked.file = std::make_shared<const TomlFile>(*std::move(file));
+  checked.problems = checked.file->ReadAll(Sections(checked.config));
+  checked.file->AddLocated(WrongValues(checked.config), checked.problems);
   return checked;
 }
 
@@ -235,20 +253,16 @@ CheckedDaemonConfig CheckDaemonConfig(const fs::path& file) {
   const Result<std::string> text = ReadFile(file);
   if (!text) return {{}, {text.error()}};
   CheckedDaemonConfig checked = CheckDaemonConfigText(*text, file.string());
+  if (!checked.file) return checked;
   const auto refuse = [&](const std::string& key, const std::string& why) {
-    checked.problems.push_back(LocatedIn(file, {ErrorCode::kBadInput, why, key}));
+    checked.problems.push_back(checked.Located({ErrorCode::kBadInput, why, key}));
   };
   CheckPlaces(checked.config, refuse);
   CheckNamedFiles(file.parent_path(), refuse, checked);
   return checked;
 }
 
-Error LocatedIn(const fs::path& file, const Error& error) {
-  const Result<std::string> text = ReadFile(file);
-  const Result<TomlFile> toml =
-      text ? TomlFile::Parse(*text, file.string()) : Result<TomlFile>(text.error());
-  return toml ? toml->Located(error) : error.In(file.string());
-}
+Error CheckedDaemonConfig::Located(const Error& error) const { return file->Located(error); }
 
 std::vector<std::string> NeedsRestart(const DaemonConfig& running, const DaemonConfig& wanted) {
   std::vector<std::string> keys;

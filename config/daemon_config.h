@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -9,6 +10,8 @@
 #include "sfm/core/result.h"
 
 namespace rotunda::config {
+
+class TomlFile;
 
 /// What rotundad is told (config/rotundad.toml says what each key means and what is allowed).
 /// What is left out keeps the value below.
@@ -71,14 +74,16 @@ struct DaemonConfig {
 struct CheckedDaemonConfig {
   DaemonConfig config;  // to be used only when there are no problems
   std::vector<Error> problems;
+  std::shared_ptr<const TomlFile> file = nullptr;  // what was checked; null: it cannot be parsed
+
+  /// The error of a check whose context is "table.key", with the file and the line the key was on
+  /// when it was checked. `file` is not null.
+  Error Located(const Error& error) const;
 };
 CheckedDaemonConfig CheckDaemonConfig(const std::filesystem::path& file);
 
 /// The same for one text, without looking at the files that it names. `source` names it in errors.
 CheckedDaemonConfig CheckDaemonConfigText(const std::string& text, const std::string& source);
-
-/// The error of a check whose context is "table.key", with the file and the line the key is on.
-Error LocatedIn(const std::filesystem::path& file, const Error& error);
 
 /// What differs and takes a new start to take effect ("service.socket", ...); the rest is reloaded.
 std::vector<std::string> NeedsRestart(const DaemonConfig& running, const DaemonConfig& wanted);

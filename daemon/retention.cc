@@ -10,7 +10,7 @@
 #include "daemon/store_internal.h"
 #include "daemon/store_reconstructions.h"
 #include "daemon/store_sql.h"
-#include "sfm/core/size_text.h"
+#include "sfm/core/bytes_text.h"
 
 namespace rotunda::daemon {
 namespace {
@@ -133,8 +133,8 @@ Status CheckDiskReserve(Store& store, uint64_t reserve_bytes) {
   ROTUNDA_ASSIGN_OR_RETURN(const DiskRoom room, store.LeastRoom());
   if (room.free_bytes >= reserve_bytes) return {};
   return Error{ErrorCode::kIo,
-               std::string(kBelowReserve) + ": " + SizeText(room.free_bytes) + " are free, " +
-                   SizeText(reserve_bytes) +
+               std::string(kBelowReserve) + ": " + BytesText(room.free_bytes) + " are free, " +
+                   BytesText(reserve_bytes) +
                    " are kept in reserve; make room (move captures away, or set a retention "
                    "policy), then try again",
                room.folder.string()};

@@ -169,13 +169,13 @@ int BackUp(const std::string& file, const config::DaemonConfig& config) {
 }
 
 /// Of a configuration that nothing is wrong with.
-int Warn(const std::string& file, const config::DaemonConfig& config) {
+int Warn(const std::string& file, const config::CheckedDaemonConfig& checked) {
   const auto warn = [](const std::string& text) {
     std::fprintf(stderr, "warning: %s\n", text.c_str());
   };
-  for (const std::string& missing : MissingGroups(config.access)) warn(missing);
-  for (const Error& doubt : FolderDoubts(config.service)) {
-    warn(config::LocatedIn(file, doubt).ToString());
+  for (const std::string& missing : MissingGroups(checked.config.access)) warn(missing);
+  for (const Error& doubt : FolderDoubts(checked.config.service)) {
+    warn(checked.Located(doubt).ToString());
   }
   std::printf("%s: nothing is wrong\n", file.c_str());
   return kDone;
@@ -195,8 +195,8 @@ int Main(int argc, char** argv) {
       "--check-config", arguments.check_only,
       "Print everything that is wrong with the configuration and the files it names, a "
       "line each, and exit: 0 nothing, 1 something. A group that there is not is a warning, and so "
-      "is a folder of the state or the socket that is not there or that you cannot write (run it "
-      "as the daemon's user), unless systemd makes it");
+      "is a folder of the state or the socket that is not there or that you cannot see or write "
+      "(run it as the daemon's user), unless systemd makes it");
   app.add_option(
          "--backup", arguments.backup,
          "Write a copy of the database to FILE, which must not exist and only its owner may "
@@ -218,7 +218,7 @@ int Main(int argc, char** argv) {
   const config::CheckedDaemonConfig checked = config::CheckDaemonConfig(arguments.config);
   PrintProblems(checked);
   if (!checked.problems.empty()) return kFailed;
-  if (arguments.check_only) return Warn(arguments.config, checked.config);
+  if (arguments.check_only) return Warn(arguments.config, checked);
   if (arguments.backup) return BackUp(*arguments.backup, checked.config);
   return Serve(arguments, checked.config);
 }

@@ -1,9 +1,12 @@
 #include "daemon/service_folders.h"
 
+#include <unistd.h>
+
 #include <filesystem>
 #include <string>
 #include <system_error>
 
+#include "daemon/http_listener.h"
 #include "daemon/store_folder.h"
 
 namespace rotunda::daemon {
@@ -15,15 +18,16 @@ namespace fs = std::filesystem;
 Status CheckStateFolder(const fs::path& folder) {
   std::error_code ignored;
   const bool is_usual = folder == config::DaemonConfig::Service().state_folder;
-  return is_usual && !fs::exists(folder, ignored) ? Status() : CheckFolderForWriting(folder);
+  if (is_usual && !fs::exists(folder, ignored)) return {};
+  return CheckFolderForWriting(folder, R_OK | W_OK | X_OK);
 }
 
 /// rotunda.socket makes the usual one. The daemon, unlike systemd, makes no folder for a socket.
 Status CheckSocketFolder(const fs::path& socket) {
-  std::error_code ignored;
-  if (socket == config::DaemonConfig::Service().socket || fs::is_socket(socket, ignored)) return {};
+  if (socket == config::DaemonConfig::Service().socket || IsLivingSocket(socket)) return {};
   const fs::path folder = socket.parent_path();
-  if (fs::exists(folder, ignored)) return CheckFolderForWriting(folder);
+  std::error_code failed;
+  if (fs::exists(folder, failed) || failed) return CheckFolderForWriting(folder, W_OK | X_OK);
   return Error{ErrorCode::kNotFound,
                "is not there: expected a folder that the daemon's user can write, or a socket that "
                "systemd listens on (rotunda.socket)",

@@ -12,9 +12,9 @@ namespace rotunda::daemon {
 /// whose it is, and what to do.
 Status MakeWritableFolder(const std::filesystem::path& folder);
 
-/// Changes nothing. kIo: this process's user cannot write in `folder`, or in what is there above
-/// one that is to be made: whose that is.
-Status CheckFolderForWriting(const std::filesystem::path& folder);
+/// Changes nothing. kIo: this process's user has no `access` (R_OK | W_OK | X_OK) to `folder`,
+/// cannot see it, or cannot make it in what is there above: whose that is, or else why.
+Status CheckFolderForWriting(const std::filesystem::path& folder, int access);
 
 /// As MakeWritableFolder of a file; fine when it is not there.
 Status CheckWritableFile(const std::filesystem::path& file);

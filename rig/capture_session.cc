@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "rig/camera_discovery.h"
-#include "sfm/core/size_text.h"
+#include "sfm/core/bytes_text.h"
 
 namespace rotunda::rig {
 namespace {
@@ -225,7 +225,7 @@ Result<Shot> CaptureSession::TakePulse(bool stay_armed, std::stop_token stop,
   if (stop.stop_requested()) return Stopped();
   if (blocks.size() < ready.size()) {
     return Error{ErrorCode::kFailed,
-                 "memory is full: " + SizeText(memory_.lent() * memory_.block_bytes()) +
+                 "memory is full: " + BytesText(memory_.lent() * memory_.block_bytes()) +
                      " of frames wait for the disk, and capture.sets_in_memory allows no more; "
                      "nothing is lost, try again when they are written",
                  "frames"};

@@ -24,10 +24,10 @@
 #include "rig/capture_session.h"
 #include "rig/complaints.h"
 #include "rig/frame_set_writer.h"
+#include "sfm/core/bytes_text.h"
 #include "sfm/core/calibration.h"
 #include "sfm/core/file_io.h"
 #include "sfm/core/name_list.h"
-#include "sfm/core/size_text.h"
 
 namespace rotunda::cli {
 namespace {
@@ -205,7 +205,7 @@ void PrintShot(const rig::Shot& shot, const rig::WrittenSet& written,
                 shot.skew.max_us, shot.skew.worst.c_str());
   }
   std::printf("packets sent again: %llu\n", static_cast<unsigned long long>(shot.ResentPackets()));
-  std::printf("Wrote %s (%s)\n", written.folder.c_str(), SizeText(written.bytes).c_str());
+  std::printf("Wrote %s (%s)\n", written.folder.c_str(), BytesText(written.bytes).c_str());
   for (const std::string& note : notes) std::printf("  note: %s\n", note.c_str());
 }
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "sfm/core/bytes_text.h"
 #include "sfm/core/plain_text.h"
-#include "sfm/core/size_text.h"
 
 namespace rotunda::cli {
 namespace {
@@ -122,7 +122,7 @@ void PrintStatus(const Json& status) {
   std::printf("jobs         %zu running, %s queued\n", status["jobs"]["running"].size(),
               status["jobs"]["queued"].dump().c_str());
   std::printf("disk         %s free\n",
-              SizeText(status["disk"]["free_bytes"].get<uint64_t>()).c_str());
+              BytesText(status["disk"]["free_bytes"].get<uint64_t>()).c_str());
   PrintMoved(status);
   for (const Json& problem : status["problems"]) {
     std::printf("  see to: %s\n", ValueText(problem).c_str());

@@ -1,6 +1,7 @@
 #include "config/daemon_config.h"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 #include <fstream>
@@ -85,38 +86,100 @@ TEST(DaemonConfig, PathsAreAbsoluteOrBesideTheFile) {
   }
 }
 
-TEST(DaemonConfig, WhatIsInTheWayOfFoldersAndSocketsIsRefused) {
-  const test::TemporaryFolder folder;
-  const std::string file = folder / "d.toml", here = folder.path();
-  for (const char* name : {"capture.toml", "cuboid.toml"}) {
-    fs::copy_file(Shipped().parent_path() / name, folder / name);
+/// A file beside those that it names, of one key that says where something is.
+class DaemonConfigPlaces : public testing::Test {
+ protected:
+  static constexpr char kFolder[] = ", expected a folder that is there or can be made";
+  static constexpr char kSocket[] = ", expected a socket or a name that is free";
+
+  DaemonConfigPlaces() {
+    for (const char* name : {"capture.toml", "cuboid.toml"}) {
+      fs::copy_file(Shipped().parent_path() / name, folder_ / name);
+    }
   }
-  const auto problems = [&](const std::string& text) {
-    std::ofstream(file) << text;
-    return Texts(CheckDaemonConfig(file).problems);
-  };
-  const auto state_folder = [&](const std::string& path) {
-    return problems("[service]\nstate_folder = \"" + path + "\"\n");
-  };
-  const std::string state = file + ":2: service.state_folder: is \"" + file;
-  EXPECT_EQ(state_folder(file),
-            std::vector<std::string>{state + "\", which is there and no folder"});
-  EXPECT_EQ(state_folder(file + "/a/b"), std::vector<std::string>{state + "/a/b\", but \"" + file +
-                                                                  "\" is there and no folder"});
-  EXPECT_EQ(state_folder(here), std::vector<std::string>());
-  EXPECT_EQ(state_folder(here + "/to/be/made"), std::vector<std::string>());
-  for (const auto& [table, key] :
-       {std::pair("service", "socket"), {"devices", "simulated_socket"}}) {
-    const auto socket = [&, table = table, key = key](const std::string& path) {
-      return problems(std::string("[") + table + "]\n" + key + " = \"" + path + "\"\n");
-    };
-    const std::string told = file + ":2: " + table + "." + key + ": is \"";
-    EXPECT_EQ(socket(here),
-              std::vector<std::string>{told + here + "\", which is there and no socket"});
-    EXPECT_EQ(socket(file + "/s"), std::vector<std::string>{told + file + "/s\", but \"" + file +
-                                                            "\" is there and no folder"});
-    EXPECT_EQ(socket(here + "/gone/s"), std::vector<std::string>());
+  std::string File() const { return folder_ / "d.toml"; }
+  std::vector<std::string> ProblemsOf(const std::string& table, const std::string& key,
+                                      const std::string& path) const {
+    std::ofstream(File()) << "[" << table << "]\n" << key << " = \"" << path << "\"\n";
+    return Texts(CheckDaemonConfig(File()).problems);
   }
+  /// What the key is told to be, when it is `path` and `why` says what is wrong.
+  std::vector<std::string> Told(const std::string& key, const std::string& path,
+                                const std::string& why) const {
+    return {File() + ":2: " + key + ": is \"" + path + "\", " + why};
+  }
+
+  const test::TemporaryFolder folder_;
+};
+
+TEST_F(DaemonConfigPlaces, AreRefusedWhenSomethingElseIsThere) {
+  const std::string file = File(), here = folder_.path();
+  const std::string no_folder = std::string(" is there and no folder") + kFolder;
+  const std::string blocked = "but \"" + file + "\"" + no_folder;
+  const std::vector<std::string> nothing;
+  EXPECT_EQ(ProblemsOf("service", "state_folder", file),
+            Told("service.state_folder", file, "which" + no_folder));
+  EXPECT_EQ(ProblemsOf("service", "state_folder", file + "/a/b"),
+            Told("service.state_folder", file + "/a/b", blocked));
+  EXPECT_EQ(ProblemsOf("service", "state_folder", here), nothing);
+  EXPECT_EQ(ProblemsOf("service", "state_folder", here + "/to/be/made"), nothing);
+  for (const auto& [table, key] : {std::pair<std::string, std::string>("service", "socket"),
+                                   {"devices", "simulated_socket"}}) {
+    const std::string name = table + "." + key;
+    EXPECT_EQ(ProblemsOf(table, key, here),
+              Told(name, here, std::string("which is there and no socket") + kSocket));
+    EXPECT_EQ(ProblemsOf(table, key, file + "/s"), Told(name, file + "/s", blocked));
+    EXPECT_EQ(ProblemsOf(table, key, here + "/gone/s"), nothing);
+  }
+}
+
+TEST_F(DaemonConfigPlaces, LinksThatLeadNowhereAreInTheWayOfTheStateFolder) {
+  fs::create_symlink("gone", folder_ / "dangling");
+  fs::create_symlink("loop", folder_ / "loop");
+  fs::create_symlink(folder_ / "d.toml", folder_ / "file");
+  fs::create_symlink(folder_.path(), folder_ / "fine");
+  for (const auto& [name, why] :
+       {std::pair<std::string, std::string>("dangling", "\"gone\" (No such file or directory)"),
+        {"loop", "\"loop\" (Too many levels of symbolic links)"},
+        {"file", "\"" + File() + "\" and no folder"}}) {
+    const std::string link = folder_ / name;
+    const std::string found = " is a link to " + why + kFolder;
+    EXPECT_EQ(ProblemsOf("service", "state_folder", link),
+              Told("service.state_folder", link, "which" + found));
+    EXPECT_EQ(ProblemsOf("service", "state_folder", link + "/a/b"),
+              Told("service.state_folder", link + "/a/b", "but \"" + link + "\"" + found));
+  }
+  for (const char* name : {"fine", "fine/to/be/made"}) {
+    EXPECT_EQ(ProblemsOf("service", "state_folder", folder_ / name), std::vector<std::string>());
+  }
+}
+
+/// A client follows a link to the simulator's socket; the daemon binds none.
+TEST_F(DaemonConfigPlaces, ALinkIsNoSocketForTheDaemonToMake) {
+  const std::string link = folder_ / "link";
+  ASSERT_EQ(mknod((folder_ / "socket").c_str(), S_IFSOCK | 0600, 0), 0);
+  fs::create_symlink("socket", link);
+  EXPECT_EQ(ProblemsOf("service", "socket", folder_ / "socket"), std::vector<std::string>());
+  EXPECT_EQ(ProblemsOf("devices", "simulated_socket", link), std::vector<std::string>());
+  EXPECT_EQ(ProblemsOf("service", "socket", link),
+            Told("service.socket", link,
+                 std::string("which is a link to \"socket\" and no socket") + kSocket));
+}
+
+TEST_F(DaemonConfigPlaces, AreLocatedInTheTextThatWasChecked) {
+  std::ofstream(File()) << "\n[service]\nstate_folder = \"/x\"\n";
+  const CheckedDaemonConfig checked = CheckDaemonConfig(File());
+  std::ofstream(File()) << "[service]\nstop_ms = 100\n";
+  EXPECT_EQ(checked.Located({ErrorCode::kIo, "is full", "service.state_folder"}).ToString(),
+            File() + ":3: service.state_folder: is full");
+}
+
+TEST_F(DaemonConfigPlaces, AreNotLookedAtOfAFileThatCannotBeParsed) {
+  fs::remove(folder_ / "cuboid.toml");
+  std::ofstream(File()) << "[service\n";
+  const auto problems = Texts(CheckDaemonConfig(File()).problems);
+  ASSERT_EQ(problems.size(), 1u);
+  EXPECT_TRUE(problems[0].starts_with(File() + ":1")) << problems[0];
 }
 
 TEST(DaemonConfig, WhatNoKeyCanBeSaysWhatIsAllowed) {

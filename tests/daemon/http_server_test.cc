@@ -5,8 +5,10 @@
 #include <fcntl.h>
 #include <grp.h>
 #include <gtest/gtest.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -691,6 +693,18 @@ TEST_F(HttpServerTest, ADeadSocketIsReplacedAndALivingOneIsNot) {
   EXPECT_TRUE(std::filesystem::is_regular_file(folder_ / "file"));
   EXPECT_FALSE(ListenOn(folder_ / std::string(200, 'x')));
   EXPECT_FALSE(HttpServer::Start(STDIN_FILENO, options_)) << "no listening socket";
+}
+
+TEST_F(HttpServerTest, ALivingSocketOfAnotherTypeIsNotReplaced) {
+  const int simulator = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  Socket().string().copy(address.sun_path, sizeof(address.sun_path) - 1);
+  ASSERT_EQ(bind(simulator, reinterpret_cast<const sockaddr*>(&address), sizeof(address)), 0);
+  const auto listening = ListenOn(Socket());
+  close(simulator);
+  ASSERT_FALSE(listening);
+  EXPECT_EQ(listening.error().code, ErrorCode::kAlreadyExists);
 }
 
 }  // namespace

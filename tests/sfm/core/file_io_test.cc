@@ -1,16 +1,11 @@
 #include "sfm/core/file_io.h"
 
 #include <gtest/gtest.h>
-#include <sched.h>
-#include <sys/mount.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <fstream>
-#include <functional>
 #include <set>
 
+#include "tests/support/own_disk.h"
 #include "tests/support/process.h"
 
 namespace rotunda {
@@ -26,23 +21,6 @@ std::set<std::string> Names(const fs::path& folder) {
 }
 
 void Put(const fs::path& file, const std::string& text) { std::ofstream(file) << text; }
-
-/// Runs `work` in a child whose `folder` is a file system of 64 KiB of its own. `work` gives the
-/// child's exit code. nullopt: this machine does not let us mount.
-std::optional<int> OnSmallDisk(const fs::path& folder, const std::function<int()>& work) {
-  constexpr int kCannotMount = 77;
-  const pid_t child = fork();
-  if (child == 0) {
-    const bool mounted = (unshare(CLONE_NEWNS) == 0 || unshare(CLONE_NEWUSER | CLONE_NEWNS) == 0) &&
-                         mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0 &&
-                         mount("tmpfs", folder.c_str(), "tmpfs", 0, "size=64k") == 0;
-    _exit(mounted ? work() : kCannotMount);
-  }
-  int status = 0;
-  waitpid(child, &status, 0);
-  const int code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  return code == kCannotMount ? std::nullopt : std::optional(code);
-}
 
 bool SaysNoSpace(const Status& status) {
   return !status.ok() && status.error().code == ErrorCode::kIo &&
@@ -110,7 +88,7 @@ TEST(WriteFileAtomically, LeavesNothingBehindWhenItFails) {
 
 TEST(WriteFileAtomically, KeepsTheOldTextWhenTheDiskIsFull) {
   const TemporaryFolder folder;
-  const auto code = OnSmallDisk(folder.path(), [&] {
+  const auto code = test::OnOwnDisk(folder.path(), 0, "size=64k", [&] {
     if (!WriteFileAtomically(folder / "a", "old").ok()) return 1;
     if (!SaysNoSpace(WriteFileAtomically(folder / "a", std::string(1 << 20, 'x')))) return 2;
     if (*ReadFile(folder / "a") != "old") return 3;
@@ -195,7 +173,7 @@ TEST(OutputFolder, DoesNotOverwriteWhatCameIntoBeingMeanwhile) {
 
 TEST(OutputFolder, NothingRemainsOfAFullDisk) {
   const TemporaryFolder folder;
-  const auto code = OnSmallDisk(folder.path(), [&] {
+  const auto code = test::OnOwnDisk(folder.path(), 0, "size=64k", [&] {
     {
       auto out = OutputFolder::Begin(folder / "out");
       if (!out.ok()) return 1;

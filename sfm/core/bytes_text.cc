@@ -1,10 +1,10 @@
-#include "sfm/core/size_text.h"
+#include "sfm/core/bytes_text.h"
 
 #include <cstdio>
 
 namespace rotunda {
 
-std::string SizeText(uint64_t bytes) {
+std::string BytesText(uint64_t bytes) {
   constexpr uint64_t kStep = 1000;
   if (bytes < kStep) return std::to_string(bytes) + " bytes";
   double size = 1e-3 * static_cast<double>(bytes);

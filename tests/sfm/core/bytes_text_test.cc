@@ -1,4 +1,4 @@
-#include "sfm/core/size_text.h"
+#include "sfm/core/bytes_text.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 namespace rotunda {
 namespace {
 
-TEST(SizeText, HasThreeDigitsAndTheUnitThatSuits) {
+TEST(BytesText, HasThreeDigitsAndTheUnitThatSuits) {
   for (const auto& [bytes, text] : std::initializer_list<std::pair<uint64_t, std::string>>{
            {0, "0 bytes"},
            {999, "999 bytes"},
@@ -24,7 +24,7 @@ TEST(SizeText, HasThreeDigitsAndTheUnitThatSuits) {
            {20'000'000, "20.0 MB"},
            {20'000'000'000, "20.0 GB"},
            {std::numeric_limits<uint64_t>::max(), "18.4 EB"}}) {
-    EXPECT_EQ(SizeText(bytes), text) << bytes;
+    EXPECT_EQ(BytesText(bytes), text) << bytes;
   }
 }
 
