@@ -263,6 +263,9 @@ TEST_F(HttpServerTest, ContinuesWhereAClientAsksFirst) {
   EXPECT_EQ(connection.ReadUntil("\r\n\r\n"), "HTTP/1.1 100 Continue\r\n\r\n");
   connection.Send("hi");
   EXPECT_EQ(ReadAnswer(connection).body, "POST / hi");
+  UnixConnection old(Socket());
+  old.Send("POST / HTTP/1.0\r\nContent-Length: 2\r\nExpect: 100-continue\r\n\r\nhi");
+  EXPECT_EQ(ReadAnswer(old).body, "POST / hi") << "HTTP/1.0 does not know that answer";
 }
 
 TEST_F(HttpServerTest, AClientThatIsTooSlowLosesItsConnection) {

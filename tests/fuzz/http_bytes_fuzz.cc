@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 class EchoServer {
  public:
   EchoServer() {
-    folder_ = fs::temp_directory_path() / "rotunda-http-fuzz-XXXXXX";
+    folder_ = fs::temp_directory_path() / "rotunda-http-XXXXXX";
     fuzz::Require(mkdtemp(folder_.data()) != nullptr, "a folder can be made");
     constexpr int kNever_ms = 600000;
     daemon::HttpServer::Options options;
@@ -31,9 +31,9 @@ class EchoServer {
     options.limits.heartbeat_ms = kNever_ms;
     options.handle = [this](const daemon::HttpRequest& request) { return echo_.Answer(request); };
     const auto fd = daemon::ListenOn(Socket());
-    fuzz::Require(fd.ok(), "a socket can be listened on");
+    fuzz::Require(fd.ok(), fd.ok() ? "" : fd.error().ToString().c_str());
     auto server = daemon::HttpServer::Start(*fd, std::move(options));
-    fuzz::Require(server.ok(), "a server can be started");
+    fuzz::Require(server.ok(), server.ok() ? "" : server.error().ToString().c_str());
     server_ = std::move(*server);
     server_->Serve();
   }
