@@ -19,6 +19,8 @@ namespace rotunda::daemon {
 
 class HttpSession;
 
+inline constexpr unsigned kHttp11 = 11;  // as Beast writes versions
+
 /// What the connections of a server have in common: the input/output thread's alone, but for what
 /// says "of all threads".
 struct HttpShared {
@@ -77,7 +79,6 @@ struct HttpConnection : std::enable_shared_from_this<HttpConnection> {
 
 template <typename Body>
 void HttpConnection::SetHeaders(const HttpResponse& response, http::response<Body>& message) {
-  constexpr int kHttp11 = 11;
   status = response.status;
   sent_bytes = 0;
   message.result(static_cast<unsigned>(response.status));

@@ -15,6 +15,7 @@
 #include <atomic>
 #include <fstream>
 #include <limits>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <random>
@@ -24,6 +25,7 @@
 #include <vector>
 
 #include "daemon/http_listener.h"
+#include "tests/support/http_echo.h"
 #include "tests/support/process.h"
 #include "tests/support/unix_http.h"
 
@@ -263,6 +265,9 @@ TEST_F(HttpServerTest, ContinuesWhereAClientAsksFirst) {
   EXPECT_EQ(connection.ReadUntil("\r\n\r\n"), "HTTP/1.1 100 Continue\r\n\r\n");
   connection.Send("hi");
   EXPECT_EQ(ReadAnswer(connection).body, "POST / hi");
+  UnixConnection old(Socket());
+  old.Send("POST / HTTP/1.0\r\nContent-Length: 2\r\nExpect: 100-continue\r\n\r\nhi");
+  EXPECT_EQ(ReadAnswer(old).body, "POST / hi") << "HTTP/1.0 does not know that answer";
 }
 
 TEST_F(HttpServerTest, AClientThatIsTooSlowLosesItsConnection) {
@@ -643,30 +648,55 @@ TEST_F(HttpServerTest, ManyClientsAtOnce) {
   EXPECT_EQ(good, 1000);
 }
 
+/// A few bytes of two requests in a row are others, or are missing.
+std::string BrokenRequests(std::mt19937_64& random) {
+  std::string broken =
+      "POST /v1/x?a=b HTTP/1.1\r\nHost: h\r\nTransfer-Encoding: "
+      "chunked\r\n\r\n5\r\nhello\r\n0\r\n\r\n"
+      "GET / HTTP/1.0\r\nConnection: keep-alive\r\nContent-Length: 0\r\n\r\n";
+  for (uint64_t changes = 1 + random() % 5; changes > 0; --changes) {
+    const size_t at = random() % broken.size();
+    if (random() % 2 == 0) {
+      broken[at] = static_cast<char>(random());
+    } else {
+      broken.erase(at, random() % 8);
+    }
+  }
+  return broken;
+}
+
 TEST_F(HttpServerTest, BrokenRequestsHarmNobody) {
   constexpr uint64_t kSeed = 7;
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   Start();
   std::mt19937_64 random(kSeed);
-  const std::string whole =
-      "POST /v1/x?a=b HTTP/1.1\r\nHost: h\r\nTransfer-Encoding: "
-      "chunked\r\n\r\n5\r\nhello\r\n0\r\n\r\n"
-      "GET / HTTP/1.0\r\nConnection: keep-alive\r\nContent-Length: 0\r\n\r\n";
   for (int i = 0; i < 500; ++i) {
-    std::string broken = whole;
-    for (uint64_t changes = 1 + random() % 5; changes > 0; --changes) {
-      const size_t at = random() % broken.size();
-      if (random() % 2 == 0) {
-        broken[at] = static_cast<char>(random());
-      } else {
-        broken.erase(at, random() % 8);
-      }
-    }
     UnixConnection connection(Socket());
-    connection.Send(broken);  // and goes, whatever the answer is
+    connection.Send(BrokenRequests(random));  // and goes, whatever the answer is
   }
   EXPECT_EQ(Ask(Socket(), "GET", "/").status, 200);
   while (server_->counters().connections > 0) std::this_thread::sleep_for(milliseconds(1));
+}
+
+TEST_F(HttpServerTest, BrokenRequestsAreRefusedWithTheReasonOrAnswered) {
+  constexpr uint64_t kSeed = 11;
+  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  test::HttpEcho echo;
+  options_.handle = [&echo](const HttpRequest& request) { return echo.Answer(request); };
+  Start();
+  std::mt19937_64 random(kSeed);
+  std::map<int, int> count_of_status;
+  for (int i = 0; i < 500; ++i) {
+    const std::string broken = BrokenRequests(random);
+    const size_t middle = random() % broken.size();
+    const auto statuses = echo.Converse(Socket(), broken.substr(0, middle), broken.substr(middle));
+    ASSERT_TRUE(statuses) << statuses.error().ToString() << "\nmutant " << i << ", in two at "
+                          << middle << ":\n"
+                          << testing::PrintToString(broken);
+    for (const int status : *statuses) ++count_of_status[status];
+  }
+  EXPECT_GT(count_of_status[200], 0);
+  EXPECT_GT(count_of_status[400], 0);
 }
 
 TEST_F(HttpServerTest, TheLogHasNoControlCharacters) {

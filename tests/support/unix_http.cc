@@ -1,19 +1,58 @@
 #include "tests/support/unix_http.h"
 
+#include <linux/sockios.h>
 #include <poll.h>
+#include <sched.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <chrono>
 #include <cstring>
+#include <optional>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 namespace rotunda::test {
 namespace {
 
 constexpr int kPatience_ms = 10000;
+
+bool IsPrintable(std::string_view text) {
+  return std::all_of(text.begin(), text.end(),
+                     [](char byte) { return byte >= ' ' && byte <= '~'; });
+}
+
+/// "HTTP/1.1 404 Not Found" -> 404.
+std::optional<int> StatusOf(std::string_view line) {
+  constexpr std::string_view kVersion = "HTTP/1.1 ";
+  constexpr size_t kDigits = 3;
+  const size_t space = kVersion.size() + kDigits;
+  if (!line.starts_with(kVersion) || line.size() < space + 2 || line[space] != ' ' ||
+      !IsPrintable(line)) {
+    return std::nullopt;
+  }
+  const std::string digits(line.substr(kVersion.size(), kDigits));
+  if (digits.find_first_not_of("0123456789") != std::string::npos) return std::nullopt;
+  return std::stoi(digits);
+}
+
+/// False: no "Name: value", or one that is there already.
+bool AddHeader(std::string_view line, std::map<std::string, std::string>& headers) {
+  const size_t colon = line.find(": ");
+  if (colon == std::string_view::npos || colon == 0 || !IsPrintable(line)) return false;
+  std::string name(line.substr(0, colon));
+  for (char& letter : name) {
+    if (std::isalnum(letter) == 0 && letter != '-') return false;
+    letter = static_cast<char>(std::tolower(letter));
+  }
+  return headers.emplace(name, line.substr(colon + 2)).second;
+}
 
 }  // namespace
 
@@ -40,9 +79,25 @@ bool UnixConnection::Send(const std::string& bytes) {
   return true;
 }
 
+bool UnixConnection::WaitUntilTaken() const {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(kPatience_ms);
+  int unread = 0;
+  while (ioctl(fd_, SIOCOUTQ, &unread) == 0 && unread > 0) {
+    if (std::chrono::steady_clock::now() > end) return false;
+    sched_yield();
+  }
+  return true;
+}
+
+void UnixConnection::EndSending() { shutdown(fd_, SHUT_WR); }
+
 bool UnixConnection::ReadSome() {
   pollfd ready{fd_, POLLIN, 0};
-  if (closed_ || poll(&ready, 1, kPatience_ms) <= 0) return false;
+  int count = 0;
+  do {  // libFuzzer has a timer, whose signals are nothing to the connection
+    count = closed_ ? 0 : poll(&ready, 1, kPatience_ms);
+  } while (count < 0 && errno == EINTR);
+  if (count <= 0) return false;
   char bytes[65536];
   const ssize_t got = recv(fd_, bytes, sizeof(bytes), 0);
   closed_ = got <= 0;
@@ -73,18 +128,22 @@ std::string UnixConnection::ReadAll() {
   return std::exchange(unread_, "");
 }
 
-UnixHttpAnswer ReadAnswer(UnixConnection& connection) {
+UnixHttpAnswer ParseHead(const std::string& head) {
   UnixHttpAnswer answer;
-  std::string head = connection.ReadUntil("\r\n\r\n");
-  if (head.size() < 12) return answer;
-  answer.status = std::stoi(head.substr(9, 3));
-  size_t begin = head.find("\r\n") + 2;
-  for (size_t end; (end = head.find("\r\n", begin)) > begin; begin = end + 2) {
-    std::string line = head.substr(begin, end - begin);
-    const size_t colon = line.find(": ");
-    for (size_t i = 0; i < colon; ++i) line[i] = static_cast<char>(std::tolower(line[i]));
-    answer.headers[line.substr(0, colon)] = line.substr(colon + 2);
+  if (!head.ends_with("\r\n\r\n")) return answer;
+  size_t end = head.find("\r\n");
+  const std::optional<int> status = StatusOf(std::string_view(head).substr(0, end));
+  if (!status) return answer;
+  for (size_t begin = end + 2; (end = head.find("\r\n", begin)) > begin; begin = end + 2) {
+    const std::string_view line = std::string_view(head).substr(begin, end - begin);
+    if (!AddHeader(line, answer.headers)) return {};
   }
+  answer.status = *status;
+  return answer;
+}
+
+UnixHttpAnswer ReadAnswer(UnixConnection& connection) {
+  UnixHttpAnswer answer = ParseHead(connection.ReadUntil("\r\n\r\n"));
   const auto length = answer.headers.find("content-length");
   if (length == answer.headers.end()) return answer;
   answer.body = connection.Read(std::stoul(length->second));

@@ -17,6 +17,10 @@ class UnixConnection {
 
   /// False: the other end has closed.
   bool Send(const std::string& bytes);
+  /// Until the other end has read all that was sent, or closed. False: neither in ten seconds.
+  bool WaitUntilTaken() const;
+  /// The other end reads an end after what was sent; it can still answer.
+  void EndSending();
   /// Reads until `text` has come, and gives all that was read and not given before; what there is
   /// when the other end closes first, or nothing has come for ten seconds.
   std::string ReadUntil(const std::string& text);
@@ -38,6 +42,10 @@ struct UnixHttpAnswer {
   std::map<std::string, std::string> headers;  // names in lower case
   std::string body;
 };
+
+/// Status and headers from an answer's header, up to its empty line. Status 0: that is not
+/// well-formed HTTP/1.1, or has a header twice.
+UnixHttpAnswer ParseHead(const std::string& head);
 
 /// One answer with Content-Length from the connection.
 UnixHttpAnswer ReadAnswer(UnixConnection& connection);
