@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -59,7 +58,8 @@ class LookAlikeCapture : public testing::Test {
   TemporaryFolder folder_;
 };
 
-/// Measured with the prior: 0.057 deg and 1.56 mm, and 1.05 and 1.07 times the predicted sigmas.
+/// One capture is one draw of errors that its cameras share: of the captures of `./run bench
+/// disambiguation`, error over sigma was 0.83 to 1.49.
 TEST_F(LookAlikeCapture, IsNotSureAloneAndRightWithTheCalibrationAsPrior) {
   EXPECT_EQ(Reconstruct("alone", {})["verdict"], "folded");
   EXPECT_EQ(Errors("alone")["folded"], true) << "the capture is too easy to prove anything";
@@ -72,10 +72,10 @@ TEST_F(LookAlikeCapture, IsNotSureAloneAndRightWithTheCalibrationAsPrior) {
   EXPECT_EQ(errors["registered"], 30);
   EXPECT_EQ(errors["folded"], false);
   for (const char* ratio : {"rotation_error_over_sigma", "position_error_over_sigma"}) {
-    EXPECT_GT(errors[ratio], std::sqrt(0.7)) << ratio;
-    EXPECT_LT(errors[ratio], std::sqrt(1.5)) << ratio;
+    EXPECT_GT(errors[ratio], 0.75) << ratio;
+    EXPECT_LT(errors[ratio], 1.5) << ratio;
   }
-  // Of 30 pictures of this size; twice what was measured.
+  // Of 30 pictures of this size; twice what was measured, 0.057 deg and 1.56 mm.
   EXPECT_LT(errors["mean_rotation_deg"], 0.12);
   EXPECT_LT(errors["mean_position_mm"], 3.2);
 }
