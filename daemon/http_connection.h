@@ -74,6 +74,7 @@ struct HttpConnection : std::enable_shared_from_this<HttpConnection> {
   int status = 0;                          // of the answer
   uint64_t sent_bytes = 0;
   bool keep_alive = false;  // as the client wishes
+  bool is_http11 = true;    // else HTTP/1.0
   bool ending = false;      // as soon as nothing is under way
 };
 

@@ -18,7 +18,8 @@ void EventStream::Begin(HttpResponse response) {
   source_ = std::move(response.stream);
   connection_.keep_alive = false;
   connection_.SetHeaders(response, head_);
-  head_.chunked(true);
+  // HTTP/1.0 knows no chunks: there the end of the connection is that of the stream.
+  if (connection_.is_http11) head_.chunked(true);
   serializer_.emplace(head_);
   WatchForLeaving();
   is_writing_ = true;
@@ -26,7 +27,7 @@ void EventStream::Begin(HttpResponse response) {
   http::async_write_header(
       connection_.stream, *serializer_,
       [this, keep = connection_.shared_from_this()](beast::error_code error, size_t bytes) {
-        OnChunkWritten(error, bytes);
+        OnPieceWritten(error, bytes);
       });
 }
 
@@ -71,43 +72,51 @@ std::string EventStream::Ask() const {
 void EventStream::OnPiece(std::string piece) {
   is_writing_ = false;
   if (!connection_.stream.socket().is_open()) return;
-  if (connection_.ending) return WriteLastChunk();
-  if (!piece.empty()) return WriteChunk(std::move(piece));
+  if (connection_.ending) return WriteEnd();
+  if (!piece.empty()) return WritePiece(std::move(piece));
   if (pull_again_) return Pull();
   heartbeat_.expires_after(milliseconds(connection_.server.options.limits.heartbeat_ms));
   heartbeat_.async_wait([this, keep = connection_.shared_from_this()](beast::error_code error) {
-    if (!error && !is_writing_) WriteChunk(": nothing new\n\n");
+    if (!error && !is_writing_) WritePiece(": nothing new\n\n");
   });
 }
 
-void EventStream::WriteChunk(std::string piece) {
+void EventStream::WritePiece(std::string piece) {
   is_writing_ = true;
-  chunk_ = std::move(piece);
+  piece_ = std::move(piece);
   connection_.stream.expires_at(connection_.Patience());
-  net::async_write(connection_.stream, http::make_chunk(net::buffer(chunk_)),
-                   [this, keep = connection_.shared_from_this()](
-                       beast::error_code error, size_t bytes) { OnChunkWritten(error, bytes); });
+  auto written = [this, keep = connection_.shared_from_this()](
+                     beast::error_code error, size_t bytes) { OnPieceWritten(error, bytes); };
+  const auto bytes = net::buffer(piece_);
+  if (!connection_.is_http11) {
+    return net::async_write(connection_.stream, bytes, std::move(written));
+  }
+  net::async_write(connection_.stream, http::make_chunk(bytes), std::move(written));
 }
 
-void EventStream::OnChunkWritten(beast::error_code error, size_t bytes) {
+void EventStream::OnPieceWritten(beast::error_code error, size_t bytes) {
   is_writing_ = false;
   connection_.sent_bytes += bytes;
   if (error) {
     Log();
     return connection_.Close();
   }
-  if (connection_.ending) return WriteLastChunk();
+  if (connection_.ending) return WriteEnd();
   Pull();
 }
 
 void EventStream::End() {
-  if (begun_ && !is_writing_) WriteLastChunk();
+  if (begun_ && !is_writing_) WriteEnd();
 }
 
-void EventStream::WriteLastChunk() {
+void EventStream::WriteEnd() {
   if (is_writing_) return;
   is_writing_ = true;
   heartbeat_.cancel();
+  if (!connection_.is_http11) {
+    Log();
+    return connection_.Close();
+  }
   connection_.stream.expires_at(connection_.Patience());
   net::async_write(connection_.stream, http::make_chunk_last(),
                    [this, keep = connection_.shared_from_this()](beast::error_code, size_t) {

@@ -22,16 +22,16 @@ class EventStream {
   void Begin(HttpResponse response);
   /// Asks the source for what is new.
   void Pull();
-  /// The connection is ending: the last chunk, when no other is under way.
+  /// The connection is ending: the last piece, when no other is under way.
   void End();
 
  private:
   std::string Ask() const;
   void WatchForLeaving();
   void OnPiece(std::string piece);
-  void WriteChunk(std::string piece);
-  void OnChunkWritten(beast::error_code error, size_t bytes);
-  void WriteLastChunk();
+  void WritePiece(std::string piece);
+  void OnPieceWritten(beast::error_code error, size_t bytes);
+  void WriteEnd();
   void Log();
 
   HttpConnection& connection_;
@@ -42,7 +42,7 @@ class EventStream {
   StreamSource source_;
   http::response<http::empty_body> head_;
   std::optional<http::response_serializer<http::empty_body>> serializer_;  // when that is whole
-  std::string chunk_;
+  std::string piece_;
   net::steady_timer heartbeat_;
   std::array<char, 4096> scrap_{};
 };

@@ -68,9 +68,9 @@ void HttpSession::End() {
 void HttpSession::OnHeader(beast::error_code error) {
   is_idle_ = false;
   if (error) return OnReadError(error);
+  is_http11 = parser_->get().version() >= kHttp11;
   // HTTP/1.0 does not know that answer: there the wish counts for nothing (RFC 9110, 10.1.1).
-  if (parser_->get().version() >= kHttp11 &&
-      beast::iequals(parser_->get()[http::field::expect], "100-continue")) {
+  if (is_http11 && beast::iequals(parser_->get()[http::field::expect], "100-continue")) {
     static constexpr char kContinue[] = "HTTP/1.1 100 Continue\r\n\r\n";
     return net::async_write(stream, net::buffer(kContinue, sizeof(kContinue) - 1),
                             [self = Self()](beast::error_code failed, size_t) {
@@ -99,6 +99,9 @@ void HttpSession::OnReadError(beast::error_code error) {
   }
   request = {};
   request.peer = peer;
+  // As far as it could be read.
+  request.method = std::string(parser_->get().method_string());
+  request.target = std::string(parser_->get().target());
   ending = true;
   discard_ = true;
   begin = Clock::now();

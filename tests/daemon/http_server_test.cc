@@ -243,6 +243,11 @@ TEST_F(HttpServerTest, WhatIsTooLargeOrNoHttpIsRefusedWithTheReason) {
   chunked.Send("POST / HTTP/1.1\r\nHost: h\r\nTransfer-Encoding: chunked\r\n\r\n7d1\r\n" +
                std::string(2001, 'x') + "\r\n0\r\n\r\n");
   EXPECT_EQ(ReadAnswer(chunked).status, 413);
+  UnixConnection head(Socket());
+  head.Send("HEAD / HTTP/1.1\r\nHost: h\r\nContent-Length: 2001\r\n\r\n");
+  const std::string refusal = head.ReadAll();
+  EXPECT_TRUE(refusal.starts_with("HTTP/1.1 413 ")) << refusal;
+  EXPECT_TRUE(refusal.ends_with("\r\n\r\n")) << "no body: " << refusal;
   EXPECT_EQ(Ask(Socket(), "GET", "/", "", "X: " + std::string(3000, 'x') + "\r\n").status, 431);
   EXPECT_EQ(Ask(Socket(), "GET", "/" + std::string(200000, 'x')).status, 431);
   for (const char* nonsense :
@@ -567,6 +572,20 @@ TEST_F(HttpServerTest, StreamsBringWhatComesUpAndSignsOfLife) {
   EXPECT_NE(stream.ReadUntil(": nothing new\n\n").find(": nothing new"), std::string::npos);
   Say("c\n\n");
   EXPECT_NE(stream.ReadUntil("c\n\n").find("c\n\n"), std::string::npos);
+}
+
+TEST_F(HttpServerTest, StreamsToHttp10AreNotCutIntoChunks) {
+  ServeStream();
+  Start();
+  UnixConnection stream(Socket());
+  stream.Send("GET / HTTP/1.0\r\n\r\n");
+  const std::string head = stream.ReadUntil("\r\n\r\n");
+  EXPECT_EQ(head.find("chunked"), std::string::npos) << head;
+  EXPECT_EQ(stream.ReadUntil("a\n\n"), "a\n\n");
+  Say("b\n\n");
+  EXPECT_EQ(stream.ReadUntil("b\n\n"), "b\n\n");
+  server_->Stop(milliseconds(kNever_ms));
+  EXPECT_EQ(stream.ReadAll(), "");
 }
 
 TEST_F(HttpServerTest, AStreamsClientMayGoAtAnyTime) {
