@@ -214,7 +214,10 @@ const char kOpenApiSchemas[] = R"json({
   "verdict_of_pictures": {"enum": ["sure", "unsure", "folded"],
   "description": "Before the calibration was looked at"},
   "margin": {"type": "number", "description":
-  "Log-likelihood (natural) against everything that looks alike"}}, "additionalProperties": false},
+  "Log-likelihood (natural) against everything that looks alike"},
+  "view_graph_margin": {"type": "number", "description":
+  "Weight of the lightest pair that holds the view graph together over that of the heaviest that contradicts it"}},
+  "additionalProperties": false},
  "CalibrationFile": {"type": "object", "description": "The file calibration.json as it is written now",
   "required": ["format", "id", "created_at", "source", "cameras"],
   "properties": {"format": {"enum": ["rotunda-calibration/1"]},

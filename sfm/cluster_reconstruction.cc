@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <atomic>
 #include <iterator>
+#include <limits>
+#include <map>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "sfm/consistent_view_graph.h"
 #include "sfm/tracks.h"
 #include "sfm/view_graph.h"
 
@@ -36,20 +39,59 @@ void SortBySize(std::vector<ImageCluster>& clusters) {
   });
 }
 
-/// Takes up the clusters behind `place` that share enough with it until none is left.
-void Absorb(std::vector<ImageCluster>& clusters, size_t place, size_t max_common_images) {
-  for (size_t other = place + 1; other < clusters.size();) {
-    ImageCluster& cluster = clusters[place];
-    if (CommonImages(cluster, clusters[other]) <= max_common_images) {
-      ++other;
-      continue;
-    }
-    cluster.images = Union(cluster.images, clusters[other].images);
-    cluster.parts = Union(cluster.parts, clusters[other].parts);
-    clusters.erase(clusters.begin() + static_cast<std::ptrdiff_t>(other));
-    other = place + 1;
-  }
+/// ConsistentViewGraph::Margin of the matches within the images; infinite where nothing is off.
+double MarginOf(const IncrementalInput& input, const Correction& correction,
+                const std::vector<ImageId>& images, const ClusterOptions& options) {
+  const TwoViews matches = MatchesWithinParts(input, correction, images, options);
+  const auto consistent =
+      BuildConsistentViewGraph(BuildViewGraph(input.features, matches), matches, {});
+  return consistent->Margin().value_or(std::numeric_limits<double>::infinity());
 }
+
+/// Clusters that become one where they share enough images.
+class ClusterMerging {
+ public:
+  ClusterMerging(const IncrementalInput& input, const Correction& correction,
+                 const ClusterOptions& options)
+      : input_(input), correction_(correction), options_(options) {}
+
+  /// Takes up the clusters behind `place` that belong to it until none is left.
+  void Absorb(std::vector<ImageCluster>& clusters, size_t place) {
+    for (size_t other = place + 1; other < clusters.size();) {
+      ImageCluster& cluster = clusters[place];
+      const std::vector<ImageId> images = Union(cluster.images, clusters[other].images);
+      if (CommonImages(cluster, clusters[other]) <= options_.max_common_images ||
+          !IsConsistent(cluster, clusters[other], images)) {
+        ++other;
+        continue;
+      }
+      cluster.images = images;
+      cluster.parts = Union(cluster.parts, clusters[other].parts);
+      clusters.erase(clusters.begin() + static_cast<std::ptrdiff_t>(other));
+      other = place + 1;
+    }
+  }
+
+ private:
+  bool IsConsistent(const ImageCluster& a, const ImageCluster& b,
+                    const std::vector<ImageId>& merged) {
+    if (!options_.undo_inconsistent_merges) return true;
+    const double margin = Margin(merged);
+    return margin >= options_.trusted_margin || margin >= Margin(a.images) ||
+           margin >= Margin(b.images);
+  }
+
+  double Margin(const std::vector<ImageId>& images) {
+    const auto known = margins_.find(images);
+    if (known != margins_.end()) return known->second;
+    return margins_[images] = MarginOf(input_, correction_, images, options_);
+  }
+
+  const IncrementalInput& input_;
+  const Correction& correction_;
+  const ClusterOptions& options_;
+  std::map<std::vector<ImageId>, double> margins_;
+};
 
 Result<IncrementalResult> Reconstruct(const IncrementalInput& input, const TwoViews& two_views,
                                       const IncrementalOptions& options, RunContext& context) {
@@ -80,11 +122,15 @@ Result<std::vector<Reconstruction>> ModelsOf(ClusterResults reconstructed) {
 }  // namespace
 
 Status ClusterOptions::Validate() const {
-  if (min_pair_matches >= 1) return {};
-  return Error{ErrorCode::kInvalidArgument, "0 found, expected >= 1", "min_pair_matches"};
+  if (min_pair_matches < 1) {
+    return Error{ErrorCode::kInvalidArgument, "0 found, expected >= 1", "min_pair_matches"};
+  }
+  if (trusted_margin > 0) return {};
+  return Error{ErrorCode::kInvalidArgument, std::to_string(trusted_margin) + " found, expected > 0",
+               "trusted_margin"};
 }
 
-std::vector<ImageCluster> BuildClusters(const Correction& correction,
+std::vector<ImageCluster> BuildClusters(const IncrementalInput& input, const Correction& correction,
                                         const ClusterOptions& options) {
   std::vector<ImageCluster> clusters;
   for (uint32_t part = 0; part < correction.parts.size(); ++part) {
@@ -92,9 +138,8 @@ std::vector<ImageCluster> BuildClusters(const Correction& correction,
     clusters.push_back({{part}, correction.parts[part].images});
   }
   SortBySize(clusters);
-  for (size_t place = 0; place < clusters.size(); ++place) {
-    Absorb(clusters, place, options.max_common_images);
-  }
+  ClusterMerging merging(input, correction, options);
+  for (size_t place = 0; place < clusters.size(); ++place) merging.Absorb(clusters, place);
   SortBySize(clusters);
   return clusters;
 }
@@ -125,7 +170,7 @@ Result<std::vector<Reconstruction>> BuildClusterReconstructions(
     const IncrementalOptions& incremental, RunContext& context) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
   ROTUNDA_RETURN_IF_ERROR(incremental.Validate());
-  const std::vector<ImageCluster> clusters = BuildClusters(correction, options);
+  const std::vector<ImageCluster> clusters = BuildClusters(input, correction, options);
   const size_t count = clusters.size();
   ClusterResults reconstructed(count);
   std::atomic<size_t> done = 0;

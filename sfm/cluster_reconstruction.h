@@ -16,6 +16,11 @@ namespace rotunda::sfm {
 struct ClusterOptions {
   size_t max_common_images = 20;  // clusters that share more are merged
   size_t min_pair_matches = 15;   // a pair that has fewer within single parts is left out
+  /// A merge is undone when it brings together images whose pairs contradict each other: when
+  /// ConsistentViewGraph::Margin of the merged cluster is below both `trusted_margin` and the
+  /// margins that the clusters had. The paper does not.
+  bool undo_inconsistent_merges = false;
+  double trusted_margin = 1.2;
   Status Validate() const;
 };
 
@@ -27,7 +32,7 @@ struct ImageCluster {
 
 /// The images of every part, merged as image sets where they overlap; most images first, ties by
 /// first part. Parts without images are left out.
-std::vector<ImageCluster> BuildClusters(const Correction& correction,
+std::vector<ImageCluster> BuildClusters(const IncrementalInput& input, const Correction& correction,
                                         const ClusterOptions& options);
 
 /// The pairs of `input.view_graph` with both images in `images`, each with the matches whose ends

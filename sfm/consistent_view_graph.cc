@@ -9,6 +9,8 @@
 #include <span>
 #include <string>
 
+#include "sfm/disjoint_sets.h"
+
 namespace rotunda::sfm {
 namespace {
 
@@ -235,7 +237,32 @@ std::vector<EdgeVerdict> Judge(const std::vector<double>& residuals_rad, double 
   return verdicts;
 }
 
+std::optional<double> LightestJoining(const ViewGraph& graph) {
+  std::optional<double> lightest;
+  DisjointSets sets(graph.images);
+  for (const size_t e : EdgesByWeight(graph)) {
+    const auto [first, second] = graph.edges[e].pair;
+    if (sets.Unite(first.index(), second.index())) lightest = graph.edges[e].weight;
+  }
+  return lightest;
+}
+
+std::optional<double> HeaviestOff(const ViewGraph& graph, const std::vector<double>& residuals_rad,
+                                  double far_rad) {
+  std::optional<double> heaviest;
+  for (size_t e = 0; e < graph.edges.size(); ++e) {
+    if (!(residuals_rad[e] > far_rad)) continue;
+    heaviest = std::max(heaviest.value_or(0.0), graph.edges[e].weight);
+  }
+  return heaviest;
+}
+
 }  // namespace
+
+std::optional<double> ConsistentViewGraph::Margin() const {
+  if (!lightest_joining || !heaviest_off) return std::nullopt;
+  return *lightest_joining / *heaviest_off;
+}
 
 Status ConsistencyOptions::Validate() const {
   const auto bad = [](const char* field, double value, const char* expected) {
@@ -256,7 +283,12 @@ Result<ConsistentViewGraph> BuildConsistentViewGraph(const ViewGraph& graph,
   Rotations rotations = RotationForest(voting, two_views, options).Grow();
   rotations = Average(voting, two_views, std::move(rotations), options.far_rad);
   rotations = Average(voting, two_views, std::move(rotations), options.off_rad);
-  return ConsistentViewGraph{Judge(Residuals_rad(graph, two_views, rotations), options.agree_rad)};
+  ConsistentViewGraph consistent{
+      Judge(Residuals_rad(graph, two_views, rotations), options.agree_rad)};
+  consistent.lightest_joining = LightestJoining(EdgesThatAgree(graph, consistent));
+  consistent.heaviest_off =
+      HeaviestOff(voting, Residuals_rad(voting, two_views, rotations), options.far_rad);
+  return consistent;
 }
 
 ViewGraph EdgesThatAgree(const ViewGraph& graph, const ConsistentViewGraph& consistent) {

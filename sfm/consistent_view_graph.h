@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "sfm/core/result.h"
@@ -18,6 +19,15 @@ enum class EdgeVerdict {
 /// The view graph with every edge judged by all others, before any track is built.
 struct ConsistentViewGraph {
   std::vector<EdgeVerdict> verdicts;  // parallel to ViewGraph::edges
+  /// Weight of the lightest edge that holds the agreeing images together (of their maximum spanning
+  /// tree) and of the heaviest that is more than ConsistencyOptions::far_rad off; nullopt: there is
+  /// none.
+  std::optional<double> lightest_joining = std::nullopt;
+  std::optional<double> heaviest_off = std::nullopt;
+
+  /// lightest_joining / heaviest_off: how far the graph is from having been joined by an edge that
+  /// contradicts it. nullopt where nothing does.
+  std::optional<double> Margin() const;
 };
 
 struct ConsistencyOptions {

@@ -8,12 +8,19 @@
 #include <map>
 #include <string>
 
+#include "sfm/core/statistics.h"
+
 namespace rotunda::sfm {
 namespace {
 
 constexpr char kStage[] = "correction";
 /// An image that could not be judged is tried again when it sees this many times the points.
 constexpr double kRetryGrowth = 1.2;
+/// Fewer points that an image must see, or pairs with registered images, tell nothing.
+constexpr size_t kMinExpectedPoints = 30;
+constexpr size_t kMinLoops = 2;
+/// A pair agrees with a rotation that is no farther off than this.
+constexpr double kLoopAgrees_rad = RadFromDeg(15.0);
 /// Initial pairs tried for one pass.
 constexpr size_t kMaxInitialPairs = 60;
 /// How far the angle of the initial pair is relaxed, by halves.
@@ -70,7 +77,9 @@ SegmentModelInput ModelInput(const Scene& scene, uint32_t segment) {
     const TwoView& view = scene.input.two_views.pairs[edge.two_view];
     if (!related[first.index()] || !related[second.index()]) continue;
     if (view.kind == TwoViewKind::kPanoramic) continue;
-    SegmentNeighbour of_first = {second, edge.weight, {}}, of_second = {first, edge.weight, {}};
+    const Eigen::Quaterniond& turn = view.second_from_first.rotation;
+    SegmentNeighbour of_first = {second, edge.weight, turn.conjugate(), {}};
+    SegmentNeighbour of_second = {first, edge.weight, turn, {}};
     for (const Match& match : view.inliers) {
       const Label label = scene.labels[first.index()][match.first.index()];
       if (!label || label != scene.labels[second.index()][match.second.index()]) continue;
@@ -209,8 +218,11 @@ class Pass {
       case ImageVerdict::kUnplaced:
         return grown(now.primary, last.primary_points);
       case ImageVerdict::kUndecided:
+        if (AsksBesides() && grown(now.primary, last.primary_points)) return true;
         return now.auxiliary >= options().min_auxiliary_inliers &&
                grown(now.auxiliary, last.auxiliary_points);
+      case ImageVerdict::kRefused:
+        return grown(now.primary + now.auxiliary, last.primary_points + last.auxiliary_points);
       default:
         return false;
     }
@@ -243,6 +255,10 @@ class Pass {
     Rigid3 pose;
     judgement = Judged(image, pose);
     if (judgement.verdict != ImageVerdict::kConsistent) return;
+    if (options().missing_observations) {
+      const ExpectedPoints expected = model_.ExpectedAt(image, pose);
+      if (expected.all >= kMinExpectedPoints) met_shares_.push_back(Share(expected));
+    }
     model_.Register(image, model_.RefinedPose(image, pose));
     for (const SegmentNeighbour& n : case_.model_input.neighbours[image.index()]) {
       counts_.erase(n.image.index());
@@ -252,13 +268,12 @@ class Pass {
   Judgement Judged(ImageId image, Rigid3& cam_from_model) const {
     const Support primary = model_.SupportOf(image, PointKind::kPrimary);
     const Support auxiliary = model_.SupportOf(image, PointKind::kAuxiliary);
-    Judgement judgement = {
-        .image = image, .primary_points = primary.size(), .auxiliary_points = auxiliary.size()};
+    Judgement judgement = {.image = image,
+                           .verdict = ImageVerdict::kUndecided,
+                           .primary_points = primary.size(),
+                           .auxiliary_points = auxiliary.size()};
     const bool enough = auxiliary.size() >= options().min_auxiliary_inliers;
-    const ImageVerdict blind =
-        options().undecided_is_consistent ? ImageVerdict::kConsistent : ImageVerdict::kUndecided;
-    judgement.verdict = blind;
-    if (!enough && blind == ImageVerdict::kUndecided) return judgement;
+    if (!enough && !AsksBesides() && !options().undecided_is_consistent) return judgement;
     const uint64_t seed = DeriveSeed(case_.context.seed, image.index());
     const auto by_primary = model_.EstimatePose(primary, options().min_primary_inliers, seed);
     if (!by_primary) {
@@ -267,14 +282,62 @@ class Pass {
     }
     cam_from_model = by_primary->cam_from_model;
     judgement.primary_inliers = by_primary->inliers.size();
-    if (!enough) return judgement;
+    if (enough) JudgeByAuxiliary(*by_primary, primary, auxiliary, seed, judgement);
+    JudgeBesides(image, cam_from_model, judgement);
+    if (judgement.verdict == ImageVerdict::kUndecided && options().undecided_is_consistent) {
+      judgement.verdict = ImageVerdict::kConsistent;
+    }
+    return judgement;
+  }
+
+  void JudgeByAuxiliary(const AbsolutePose& by_primary, const Support& primary,
+                        const Support& auxiliary, uint64_t seed, Judgement& judgement) const {
     const auto by_auxiliary = model_.EstimatePose(auxiliary, options().min_auxiliary_inliers, seed);
-    if (!by_auxiliary) return judgement;
+    if (!by_auxiliary) return;
     judgement.auxiliary_inliers = by_auxiliary->inliers.size();
-    ComparePoses(*by_primary, primary.matches, *by_auxiliary, auxiliary.matches,
+    ComparePoses(by_primary, primary.matches, *by_auxiliary, auxiliary.matches,
                  options().place_distance, judgement);
     if (WellKnown(judgement)) judgement.verdict = Verdict(judgement);
-    return judgement;
+  }
+
+  bool AsksBesides() const { return options().missing_observations || options().rotation_loops; }
+
+  /// What the auxiliary points leave open, by the first further evidence that tells.
+  void JudgeBesides(ImageId image, const Rigid3& cam_from_model, Judgement& judgement) const {
+    const auto decide = [&](bool agrees) {
+      judgement.verdict = agrees ? ImageVerdict::kConsistent : ImageVerdict::kRefused;
+    };
+    if (judgement.verdict != ImageVerdict::kUndecided) return;
+    if (options().missing_observations) {
+      judgement.expected = model_.ExpectedAt(image, cam_from_model);
+      if (judgement.expected.all >= kMinExpectedPoints && !met_shares_.empty()) {
+        return decide(Share(judgement.expected) >= options().min_met_ratio * Median(met_shares_));
+      }
+    }
+    if (options().rotation_loops) {
+      judgement.loop_share = LoopShare(image, cam_from_model);
+      if (judgement.loop_share) decide(*judgement.loop_share >= 0.5);
+    }
+  }
+
+  static double Share(const ExpectedPoints& expected) {
+    return static_cast<double>(expected.met) / static_cast<double>(expected.all);
+  }
+
+  /// Weight of the pairs with registered images that agrees with the rotation, over all of theirs.
+  std::optional<double> LoopShare(ImageId image, const Rigid3& cam_from_model) const {
+    double agreeing = 0, all = 0;
+    size_t loops = 0;
+    for (const SegmentNeighbour& n : case_.model_input.neighbours[image.index()]) {
+      if (!model_.IsRegistered(n.image)) continue;
+      const Eigen::Quaterniond by_pair = n.own_from_neighbour * model_.PoseOf(n.image).rotation;
+      all += n.weight;
+      if (RotationAngle_rad(by_pair, cam_from_model.rotation) <= kLoopAgrees_rad) {
+        agreeing += n.weight;
+      }
+      ++loops;
+    }
+    return loops >= kMinLoops ? std::optional(agreeing / all) : std::nullopt;
   }
 
   bool WellKnown(const Judgement& judgement) const {
@@ -295,6 +358,7 @@ class Pass {
   const std::vector<size_t>& images_;       // that wait, ascending
   std::map<size_t, Judgement> judgements_;  // by image
   std::map<size_t, Counts> counts_;         // by image, where they still hold
+  std::vector<double> met_shares_;          // of the images registered so far
 };
 
 size_t PrimaryMatches(const Case& c, const ImagePair& pair) {
@@ -334,7 +398,8 @@ std::vector<std::pair<const TwoView*, double>> InitialPairs(const Case& c) {
 /// Whether the image was compared with the pass, or could not be for want of auxiliary points.
 bool Tells(const Judgement& judgement) {
   return judgement.verdict == ImageVerdict::kInconsistent ||
-         judgement.verdict == ImageVerdict::kUndecided;
+         judgement.verdict == ImageVerdict::kUndecided ||
+         judgement.verdict == ImageVerdict::kRefused;
 }
 
 /// Runs one pass on the images that wait; false when no pair begins it. `unsettled`: the last
@@ -448,6 +513,7 @@ Status CorrectionOptions::Validate() const {
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_rotation_rad", max_rotation_rad));
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_place_rad", max_place_rad));
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_sigma_share", max_sigma_share));
+  ROTUNDA_RETURN_IF_ERROR(above_zero("min_met_ratio", min_met_ratio));
   ROTUNDA_RETURN_IF_ERROR(above_zero("min_initial_angle_rad", min_initial_angle_rad));
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_reprojection_px", model.max_reprojection_px));
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_pnp_error_px", model.max_pnp_error_px));

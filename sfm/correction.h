@@ -34,6 +34,16 @@ struct CorrectionOptions {
   /// Images that auxiliary points cannot place are taken for consistent (the paper); else they are
   /// left out of the pass until more auxiliary points are there.
   bool undecided_is_consistent = false;
+  /// Before that, they are judged by the points that their pose by primary points says they must
+  /// see: those that meet a smaller share of them than `min_met_ratio` x the median of the images
+  /// registered so far are refused until they see more (after Zach et al., CVPR 2008). The paper
+  /// does not.
+  bool missing_observations = false;
+  double min_met_ratio = 0.55;
+  /// And where there are too few such points, by the pairs with registered images: refused when
+  /// more of their weight contradicts the pose's rotation than agrees with it (after Zach et al.,
+  /// CVPR 2010). The paper does not.
+  bool rotation_loops = false;
   /// Keypoints of a track have the track's label; false: their own (the paper), so that tracks are
   /// cut where segments meet.
   bool labels_by_track = true;
@@ -55,7 +65,8 @@ enum class ImageVerdict {
   kInitial,       // of the pair that the pass began with
   kConsistent,    // registered
   kInconsistent,  // its matches of this segment with images of the pass are wrong
-  kUndecided,     // the auxiliary points do not tell
+  kUndecided,     // the auxiliary points do not tell, and neither does what is asked besides
+  kRefused,       // undecided by the auxiliary points, and what is asked besides speaks against it
   kUnplaced,      // its primary points are too few or fit no pose
 };
 
@@ -74,6 +85,11 @@ struct Judgement {
   std::optional<double> place_rad = std::nullopt;
   double rotation_sigma_rad = 0;
   double place_sigma_rad = 0;
+  /// Points that the pose by primary points says must be seen, and those that are; share of the
+  /// weight of its pairs with registered images that agrees with its rotation. Where that was
+  /// asked.
+  ExpectedPoints expected = {};
+  std::optional<double> loop_share = std::nullopt;
 };
 
 /// An ambiguous segment taken apart.

@@ -1,5 +1,9 @@
 #pragma once
 
+#include <optional>
+#include <string>
+#include <vector>
+
 #include "sfm/cluster_reconstruction.h"
 #include "sfm/communities.h"
 #include "sfm/core/frame_set.h"
@@ -19,6 +23,11 @@ namespace rotunda::sfm {
 struct LiteralOptions {
   bool consistent_view_graph = false;  // only its edges are used
   double min_edge_weight = 0.15;       // tau_w; 0.05 for photographs from the Internet
+  /// tau_w is just above the heaviest edge that contradicts the others, where one does.
+  bool adaptive_edge_weight = false;
+  /// Of the lighter edges only those with enough matches whose two keypoints are in one track take
+  /// part in what comes after the tracks.
+  bool confirmed_light_edges = false;
   SuperpixelOptions superpixels;
   TrackGraphOptions track_graph{.weighted = false};
   CommunityOptions communities;
@@ -37,6 +46,8 @@ struct LiteralOptions {
 struct LiteralResult {
   IncrementalResult models;  // most images first
   Segments segments;
+  std::optional<double> view_graph_margin;  // ConsistentViewGraph::Margin, where it was built
+  std::vector<std::string> notes;           // what correction found of every ambiguous segment
 };
 
 /// Wang et al., III-A to III-D: tracks of the heavy edges, track graph, communities, ambiguous ones

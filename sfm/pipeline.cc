@@ -235,11 +235,13 @@ Reference MeasureReference(const Run& run, const Reconstruction& model, const Fe
   return reference;
 }
 
-/// The models of either method; `tc_sfm` only of that.
+/// The models of any method; `tc_sfm` only of that, the last two only of the literal one.
 struct Built {
   IncrementalResult models;
   std::optional<TcSfmResult> tc_sfm;
   std::optional<Segments> segments;
+  std::optional<double> view_graph_margin;
+  std::vector<std::string> notes;
 };
 
 /// Labels: communities of the tracks that the poses confirmed, and which of them look alike.
@@ -285,6 +287,8 @@ Result<Built> BuildModels(const Run& run, const FrontEnd& front,
         RunLiteralTcSfm(run.set, input, run.options.literal, incremental, run.context));
     built.models = std::move(literal.models);
     built.segments = std::move(literal.segments);
+    built.view_graph_margin = literal.view_graph_margin;
+    built.notes = std::move(literal.notes);
     return built;
   }
   ROTUNDA_ASSIGN_OR_RETURN(built.tc_sfm,
@@ -395,6 +399,8 @@ PipelineResult Finish(const Run& run, FrontEnd front, Built built,
     NameSides(run, model, poses, reference.notes);
   }
   if (built.segments) AddSegments(*built.segments, poses);
+  if (built.view_graph_margin) poses.summary.view_graph_margin = built.view_graph_margin;
+  reference.notes.insert(reference.notes.end(), built.notes.begin(), built.notes.end());
   NoteAbsentCameras(run, poses, reference.notes);
 
   PipelineResult result{run.set,          std::move(front.features), std::move(model),

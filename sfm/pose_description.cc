@@ -189,6 +189,7 @@ void AddVerdict(const TcSfmResult& result, PoseSet& poses) {
   poses.summary.verdict = poses.summary.verdict_of_pictures = VerdictName(result.verdict);
   poses.summary.verdict_reason = result.reason;
   if (std::isfinite(result.evidence)) poses.summary.margin = result.evidence;
+  poses.summary.view_graph_margin = result.view_graph_margin;
   if (result.verdict != Verdict::kUnsure) {
     poses.summary.folded = result.verdict == Verdict::kFolded;
   }

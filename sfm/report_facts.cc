@@ -278,6 +278,11 @@ void SayOfSides(const PoseSet& poses, const std::vector<CameraFacts>& cameras, V
   if (summary.verdict == "sure" && summary.margin) {
     verdict.details.push_back(LookAlikesToldApart(summary));
   }
+  if (summary.view_graph_margin) {
+    verdict.details.push_back(
+        "Of the pictures' pairs, the lightest that holds them together weighs " +
+        Significant(*summary.view_graph_margin) + " x the heaviest that contradicts it.");
+  }
   if (summary.verdict.empty() && !summary.folded) {
     Say(Level::kLook,
         "Not judged: this method does not look for look-alike sides, and there is no calibration "

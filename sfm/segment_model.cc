@@ -2,7 +2,9 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 
 #include "sfm/bundle_adjustment.h"
@@ -135,6 +137,41 @@ Result<AbsolutePose> SegmentModel::EstimatePose(const Support& support, size_t m
                std::to_string(pose.inliers.size()) + " of " + std::to_string(support.size()) +
                    " points fit one pose, " + std::to_string(needed) + " are needed",
                ""};
+}
+
+/// In front, in the picture, and seen by enough others from nearly the same direction.
+bool SegmentModel::MustBeSeen(const Point3& point, ImageId image,
+                              const Rigid3& cam_from_model) const {
+  if (point.observations.size() < options_.min_expected_images) return false;
+  const Eigen::Vector3d x = cam_from_model * point.position;
+  if (!(x.z() > 0)) return false;
+  const ImageFeatures& picture = input_.input.features.images[image.index()];
+  const std::optional<Eigen::Vector2d> pixel = model_.intrinsics.of(image).Project(x);
+  if (!pixel || !(pixel->minCoeff() >= 0) || !(pixel->x() < picture.width_px) ||
+      !(pixel->y() < picture.height_px)) {
+    return false;
+  }
+  const Eigen::Vector3d direction = cam_from_model.OriginInSource() - point.position;
+  return std::any_of(
+      point.observations.begin(), point.observations.end(), [&](const Observation& o) {
+        const Eigen::Vector3d other = PoseOf(o.image).OriginInSource() - point.position;
+        return direction.dot(other) >=
+               std::cos(options_.max_expected_angle_rad) * direction.norm() * other.norm();
+      });
+}
+
+ExpectedPoints SegmentModel::ExpectedAt(ImageId image, const Rigid3& cam_from_model) const {
+  std::vector<bool> named(model_.points.size(), false);
+  for (const PointKind kind : {PointKind::kPrimary, PointKind::kAuxiliary}) {
+    for (const size_t point : SupportOf(image, kind).points) named[point] = true;
+  }
+  ExpectedPoints expected;
+  for (size_t p = 0; p < model_.points.size(); ++p) {
+    if (!MustBeSeen(model_.points[p], image, cam_from_model)) continue;
+    ++expected.all;
+    expected.met += named[p];
+  }
+  return expected;
 }
 
 Rigid3 SegmentModel::RefinedPose(ImageId image, const Rigid3& cam_from_model) const {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -25,7 +26,8 @@ struct SegmentMatch {
 /// What an image has in common with another one.
 struct SegmentNeighbour {
   ImageId image;
-  double weight = 0;  // in the view graph
+  double weight = 0;                                                       // in the view graph
+  Eigen::Quaterniond own_from_neighbour = Eigen::Quaterniond::Identity();  // by the pair alone
   std::vector<SegmentMatch> matches;
 };
 
@@ -42,6 +44,9 @@ struct SegmentModelOptions {
   double min_triangulation_angle_rad = RadFromDeg(1.5);
   double max_pnp_error_px = 12.0;
   double min_pnp_inlier_ratio = 0.25;
+  /// Points that were seen from within this angle, by so many images, must be seen again.
+  double max_expected_angle_rad = RadFromDeg(30.0);
+  size_t min_expected_images = 3;
 };
 
 /// Points of one kind that an image sees according to its matches with registered images.
@@ -50,6 +55,13 @@ struct Support {
   std::vector<KeypointId> keypoints;  // parallel to matches.points
   std::vector<size_t> points;         // likewise: places in the model
   size_t size() const { return points.size(); }
+};
+
+/// Points of both kinds that an image must see where a pose has it, and those of them that its
+/// matches with registered images name.
+struct ExpectedPoints {
+  size_t all = 0;
+  size_t met = 0;
 };
 
 /// A small model that images are added to one by one, each by a pose that the caller has judged.
@@ -70,6 +82,7 @@ class SegmentModel {
   /// kFailed: fewer than `min_inliers`, or than the share that is asked for, fit one pose.
   Result<AbsolutePose> EstimatePose(const Support& support, size_t min_inliers,
                                     uint64_t seed) const;
+  ExpectedPoints ExpectedAt(ImageId image, const Rigid3& cam_from_model) const;
   /// The pose refined on all points near it, of both kinds.
   Rigid3 RefinedPose(ImageId image, const Rigid3& cam_from_model) const;
 
@@ -77,6 +90,9 @@ class SegmentModel {
   /// outgrown the last adjustment.
   void Register(ImageId image, const Rigid3& cam_from_model);
 
+  const Rigid3& PoseOf(ImageId registered) const {
+    return *model_.cam_from_model[registered.index()];
+  }
   bool IsRegistered(ImageId image) const { return model_.Registered(image); }
   const std::vector<ImageId>& RegisteredImages() const { return registered_; }  // in order
 
@@ -98,6 +114,7 @@ class SegmentModel {
   }
   double Error_px(const Observation& o, const Eigen::Vector3d& position) const;
   double Angle_rad(const Point3& point) const;
+  bool MustBeSeen(const Point3& point, ImageId image, const Rigid3& cam_from_model) const;
   void Add(ImageId image, const Rigid3& cam_from_model);
   void Extend(ImageId image, PointKind kind);
   std::vector<Sight> FreeSights(ImageId image) const;

@@ -65,8 +65,10 @@ struct TcSfmResult {
   ViewGraph view_graph;
   std::vector<EdgeVerdict> verdicts;  // parallel to the edges of TcSfmInput::view_graph
   Verdict verdict = Verdict::kUnsure;
-  std::string reason;             // of the verdict
-  double evidence = 0;            // Alternatives::evidence_against; infinite without alternatives
+  std::string reason;   // of the verdict
+  double evidence = 0;  // Alternatives::evidence_against; infinite without alternatives
+  /// ConsistentViewGraph::Margin of all edges, before any was refuted; nullopt also without it.
+  std::optional<double> view_graph_margin;
   std::vector<double> certainty;  // by ImageId: of its group; infinite where no draft was folded
   std::vector<AlternativePose> alternatives;  // of the finished model, sorted by image
   std::vector<ImageId> late;  // not in the draft that became the model: placed against its poses

@@ -172,6 +172,7 @@ Json SummaryJson(const PoseSummary& summary) {
     object["verdict_of_pictures"] = summary.verdict_of_pictures;
   }
   if (summary.margin) object["margin"] = *summary.margin;
+  if (summary.view_graph_margin) object["view_graph_margin"] = *summary.view_graph_margin;
   return object;
 }
 
@@ -204,6 +205,9 @@ PoseSummary ReadSummary(const JsonField& object) {
   }
   summary.verdict_of_pictures = ReadVerdict(object["verdict_of_pictures"]);
   if (object["margin"].present()) summary.margin = object["margin"].Number();
+  if (object["view_graph_margin"].present()) {
+    summary.view_graph_margin = object["view_graph_margin"].Number();
+  }
   return summary;
 }
 

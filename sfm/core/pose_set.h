@@ -106,6 +106,11 @@ struct PoseSummary {
   /// Log-likelihood (natural) that speaks against everything that looks alike; absent when nothing
   /// does.
   std::optional<double> margin;
+  /// Weight of the lightest pair that holds the view graph together / of the heaviest that
+  /// contradicts it; absent when nothing does, or the graph was not judged. Above about 1.2 no
+  /// contradiction could have taken a joining pair's place. Where front and back look the same it
+  /// is below 1 and tells nothing: the verdict does not rest on it.
+  std::optional<double> view_graph_margin;
 };
 
 /// What a reconstruction gives: poses.json. Cameras are sorted by name; all cameras of the frame

@@ -32,21 +32,29 @@ constexpr Reading kWithout[] = {
 constexpr Reading kWithoutInFrontEnd[] = {
     {"faint-keypoints", "faint-contrast", "0.02"},
 };
-/// The published method with one of our readings; the last is a part of it switched off.
-constexpr Reading kLiteralWith[] = {
+/// The published method with one of our readings, and "+all" with all of these.
+constexpr Reading kLiteralOurs[] = {
     {"+consistent-view-graph", "literal-consistent-view-graph", "on"},
-    {"+min-edge-weight-0.05", "literal-min-edge-weight", "0.05"},
+    {"+adaptive-edge-weight", "literal-adaptive-edge-weight", "on"},
+    {"+confirmed-light-edges", "literal-confirmed-light-edges", "on"},
     {"+rejected-links", "literal-rejected-links", "on"},
-    {"+min-diversity-0.65", "literal-min-diversity", "0.65"},
-    {"+diversity-inclusive", "literal-diversity-inclusive", "on"},
     {"+labels-by-track", "literal-labels-by-track", "on"},
     {"+max-sigma-share", "literal-max-sigma-share", "0.333"},
     {"+weighted-track-graph", "literal-weighted-track-graph", "on"},
     {"+undecided-left-out", "literal-rejected-undecided", "on"},
+    {"+missing-observations", "literal-missing-observations", "on"},
+    {"+rotation-loops", "literal-rotation-loops", "on"},
+    {"+undone-merges", "literal-undone-merges", "on"},
     {"+center-angle", "literal-center-angle", "on"},
     {"+strongest-link-next", "literal-strongest-link-next", "on"},
     {"+mean-cost", "literal-mean-cost", "on"},
     {"+reprojection", "literal-reprojection-weight", "1"},
+};
+/// With another of its own readings; the last is a part of it switched off.
+constexpr Reading kLiteralOthers[] = {
+    {"+min-edge-weight-0.05", "literal-min-edge-weight", "0.05"},
+    {"+min-diversity-0.65", "literal-min-diversity", "0.65"},
+    {"+diversity-inclusive", "literal-diversity-inclusive", "on"},
     {"-bidirectional-cost", "literal-bidirectional", "off"},
 };
 
@@ -62,7 +70,13 @@ std::vector<Method> MainMethods() {
 /// The names of the main methods are those of the mean set: their cells are shared with it.
 std::vector<Method> AblationMethods() {
   std::vector<Method> methods = {{"literal", kLiteral}, {"tc-sfm", kRig}};
-  for (const Reading& reading : kLiteralWith) {
+  Method all = {"literal+all", kLiteral};
+  for (const Reading& reading : kLiteralOurs) {
+    methods.push_back({std::string("literal") + reading.name, With(kLiteral, reading)});
+    all.options = With(all.options, reading);
+  }
+  methods.push_back(all);
+  for (const Reading& reading : kLiteralOthers) {
     methods.push_back({std::string("literal") + reading.name, With(kLiteral, reading)});
   }
   for (const Reading& reading : kWithout) {

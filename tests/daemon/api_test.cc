@@ -472,6 +472,7 @@ PoseSet FullPoses() {
   poses.summary.mean_rotation_deg = poses.summary.mean_position_mm = 0.5;
   poses.summary.verdict_of_pictures = "sure";
   poses.summary.margin = 12;
+  poses.summary.view_graph_margin = 0.75;
   return poses;
 }
 

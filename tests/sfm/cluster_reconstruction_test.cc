@@ -11,6 +11,7 @@ namespace rotunda::sfm {
 namespace {
 
 using test::ErrorsOf;
+using test::kPrintSegment;
 using test::LookAlikeOptions;
 using test::LookAlikeWorld;
 using test::MakeLookAlikeWorld;
@@ -36,6 +37,7 @@ class ClusterTest : public ::testing::Test {
 };
 
 TEST(BuildClusters, MergesWhatSharesMoreImagesThanAllowed) {
+  const test::SyntheticWorld world;  // only images count
   Correction correction;
   correction.parts = {{0, ImagesFromTo(50, 75)},   // shares 20 with the largest: just not enough
                       {1, ImagesFromTo(0, 70)},    // the largest
@@ -43,7 +45,7 @@ TEST(BuildClusters, MergesWhatSharesMoreImagesThanAllowed) {
                       {3, {}},                     // nothing related to it
                       {4, ImagesFromTo(80, 100)},  // shares nothing
                       {5, ImagesFromTo(75, 95)}};  // as large; 15 with the one before
-  const std::vector<ImageCluster> clusters = BuildClusters(correction, {});
+  const std::vector<ImageCluster> clusters = BuildClusters(world.Input(), correction, {});
   ASSERT_EQ(clusters.size(), 4u);
   EXPECT_EQ(clusters[0].parts, (std::vector<uint32_t>{1, 2}));
   EXPECT_EQ(clusters[0].images, ImagesFromTo(0, 70));
@@ -53,12 +55,14 @@ TEST(BuildClusters, MergesWhatSharesMoreImagesThanAllowed) {
 }
 
 TEST(BuildClusters, AClusterThatGrewTakesUpWhatItDidNotBefore) {
+  const test::SyntheticWorld world;  // only images count
   Correction correction;
   correction.parts = {
       {0, ImagesFromTo(0, 40)}, {0, ImagesFromTo(45, 70)}, {1, ImagesFromTo(15, 52)}};
   // 25 images tie the first and the third; the second shares 7 with the third alone.
-  EXPECT_EQ(BuildClusters(correction, {}).size(), 2u);
-  const std::vector<ImageCluster> clusters = BuildClusters(correction, {.max_common_images = 6});
+  EXPECT_EQ(BuildClusters(world.Input(), correction, {}).size(), 2u);
+  const std::vector<ImageCluster> clusters =
+      BuildClusters(world.Input(), correction, {.max_common_images = 6});
   ASSERT_EQ(clusters.size(), 1u);
   EXPECT_EQ(clusters[0].parts, (std::vector<uint32_t>{0, 1, 2}));
   EXPECT_EQ(clusters[0].images, ImagesFromTo(0, 70));
@@ -88,7 +92,7 @@ TEST_F(ClusterTest, MatchesWithinPartsAreTrue) {
 TEST_F(ClusterTest, EveryClusterGivesAModelThatIsNotFolded) {
   const LookAlikeWorld look = MakeLookAlikeWorld({});
   const Correction correction = Corrected(look);
-  const std::vector<ImageCluster> clusters = BuildClusters(correction, {});
+  const std::vector<ImageCluster> clusters = BuildClusters(look.world.Input(), correction, {});
   ASSERT_EQ(clusters.size(), 3u);  // head, front, back
   const auto models = Build(look, correction, {});
   ASSERT_TRUE(models) << models.error().ToString();
@@ -106,7 +110,8 @@ TEST_F(ClusterTest, LabelsHoldTheSidesApartInAMergedCluster) {
   const LookAlikeWorld look = MakeLookAlikeWorld({});
   const Correction correction = Corrected(look);
   const ClusterOptions options{.max_common_images = 8};
-  EXPECT_EQ(BuildClusters(correction, options).at(0).parts, (std::vector<uint32_t>{0, 1, 2}));
+  EXPECT_EQ(BuildClusters(look.world.Input(), correction, options).at(0).parts,
+            (std::vector<uint32_t>{0, 1, 2}));
   const auto models = Build(look, correction, options);
   ASSERT_TRUE(models) << models.error().ToString();
   ASSERT_EQ(models->size(), 1u);
@@ -117,6 +122,25 @@ TEST_F(ClusterTest, LabelsHoldTheSidesApartInAMergedCluster) {
   ASSERT_TRUE(folded) << folded.error().ToString();
   EXPECT_GT(ErrorsOf(folded->models[0], look.world.cam_from_world).max_rotation_rad,
             RadFromDeg(20.0));
+}
+
+TEST_F(ClusterTest, AMergeOfImagesThatContradictEachOtherIsUndone) {
+  const LookAlikeWorld look = MakeLookAlikeWorld(test::FoldingOptions());
+  Correction correction;
+  // Two arcs of the ring without opposite cameras, whose union has some; matches of one part.
+  correction.parts = {{kPrintSegment, {}}, {kPrintSegment, {}}};
+  for (size_t i = 0; i < look.azimuth_rad.size(); ++i) {
+    const double azimuth_deg = DegFromRad(look.azimuth_rad[i]);
+    if (azimuth_deg > -85 && azimuth_deg < 65) correction.parts[0].images.emplace_back(i);
+    if (azimuth_deg > 20 && azimuth_deg < 170) correction.parts[1].images.emplace_back(i);
+    correction.part_of_keypoint.emplace_back(look.world.features.images[i].keypoints.size(), 0);
+  }
+  ClusterOptions options{.max_common_images = 3};
+  EXPECT_EQ(BuildClusters(look.world.Input(), correction, options).size(), 1u);
+  options.undo_inconsistent_merges = true;
+  EXPECT_EQ(BuildClusters(look.world.Input(), correction, options).size(), 2u);
+  options.trusted_margin = 0.1;
+  EXPECT_EQ(BuildClusters(look.world.Input(), correction, options).size(), 1u);
 }
 
 TEST_F(ClusterTest, SaysWhyThereIsNoModel) {
@@ -140,7 +164,7 @@ TEST_F(ClusterTest, AClusterWithoutAModelDoesNotFailTheRest) {
   // As many images as the largest, of which no keypoint is labelled with this part.
   correction.parts.push_back({0, ImagesFromTo(0, look.world.cam_from_world.size())});
   const ClusterOptions options{.max_common_images = look.world.cam_from_world.size()};
-  ASSERT_EQ(BuildClusters(correction, options).size(), correction.parts.size());
+  ASSERT_EQ(BuildClusters(look.world.Input(), correction, options).size(), correction.parts.size());
   const auto models = Build(look, correction, options);
   ASSERT_TRUE(models) << models.error().ToString();
   EXPECT_GE(models->size(), 3u);

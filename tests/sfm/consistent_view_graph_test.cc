@@ -68,6 +68,18 @@ TEST(ConsistentViewGraph, AHeavyWrongEdgeIsOutvotedBySeveralNearlyAsHeavy) {
       << "the tree of the heaviest edges folds";
 }
 
+TEST(ConsistentViewGraph, TheMarginIsOfTheTreeOverWhatContradictsIt) {
+  HandMadeGraph graph =
+      HandMadeGraph(4).Add(0, 1, 0.9).Add(1, 2, 0.6).Add(0, 2, 0.7).Add(2, 3, 0.5);
+  EXPECT_EQ(graph.Judge().lightest_joining, 0.5);
+  EXPECT_EQ(graph.Judge().Margin(), std::nullopt) << "nothing contradicts it";
+  graph.Add(0, 3, 0.4, 20);
+  EXPECT_EQ(graph.Judge().Margin(), std::nullopt) << "20 deg are no contradiction";
+  graph.Add(1, 3, 0.2, 180).Add(1, 3, 0.25, 90).AddPanoramic(0, 3, 0.8, 180);
+  EXPECT_EQ(graph.Judge().heaviest_off, 0.25);
+  EXPECT_EQ(graph.Judge().Margin(), 2.0);
+}
+
 TEST(ConsistentViewGraph, ManyLightEdgesAreNotHeard) {
   // 0.5^4 = 0.063 against 3 * 0.3^4 = 0.024, although 0.5 < 3 * 0.3.
   const ConsistentViewGraph consistent = HandMadeGraph(4)

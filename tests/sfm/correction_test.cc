@@ -131,6 +131,60 @@ TEST_F(CorrectionTest, TakingTheUndecidedForConsistentFolds) {
   EXPECT_EQ(CountOf(print, ImageVerdict::kUndecided), 0u);
 }
 
+TEST_F(CorrectionTest, WhatAnUndecidedImageFailsToSeeRefusesIt) {
+  for (uint64_t seed = 1; seed <= 2; ++seed) {
+    const LookAlikeWorld look = MakeLookAlikeWorld({.head_points = 1500, .seed = seed});
+    CorrectionOptions options = Literal();
+    const auto folded = Build(look, options);
+    ASSERT_TRUE(folded) << folded.error().ToString();
+    EXPECT_EQ(SidesOf(look, folded->segments[0].subsets.at(0)).size(), 2u) << "seed " << seed;
+    options.missing_observations = true;
+    const auto result = Build(look, options);
+    ASSERT_TRUE(result) << result.error().ToString();
+    const SegmentCorrection& print = result->segments[0];
+    ASSERT_EQ(print.subsets.size(), 2u) << "seed " << seed;
+    for (const auto& subset : print.subsets) EXPECT_EQ(SidesOf(look, subset).size(), 1u);
+    EXPECT_GT(CountOf(print, ImageVerdict::kRefused), 0u) << "seed " << seed;
+    for (const Judgement& j : print.judgements) {
+      if (j.verdict != ImageVerdict::kRefused) continue;
+      EXPECT_LT(j.expected.met, j.expected.all / 2) << "seed " << seed;
+    }
+  }
+}
+
+TEST_F(CorrectionTest, AShareOfAllPointsDoesNotTellWhereFewAreDistinct) {
+  const LookAlikeWorld look = MakeLookAlikeWorld({.head_points = 100});
+  CorrectionOptions options;
+  options.missing_observations = true;
+  const auto result = Build(look, options);
+  ASSERT_TRUE(result) << result.error().ToString();
+  EXPECT_EQ(SidesOf(look, result->segments[0].subsets.at(0)).size(), 2u)
+      << "most of what the wrong side must see looks alike and is met";
+}
+
+TEST_F(CorrectionTest, PairsThatContradictAPoseRefuseIt) {
+  LookAlikeWorld look = MakeLookAlikeWorld({.head_points = 0, .crossed_share = 0});
+  const ImageId turned = look.segments.segments[kPrintSegment].images.front();
+  for (TwoView& view : look.world.two_views.pairs) {
+    if (view.pair.first != turned && view.pair.second != turned) continue;
+    view.second_from_first.rotation =
+        Eigen::AngleAxisd(1.0, Eigen::Vector3d::UnitZ()) * view.second_from_first.rotation;
+  }
+  CorrectionOptions options;
+  options.rotation_loops = true;
+  const auto result = Build(look, options);
+  ASSERT_TRUE(result) << result.error().ToString();
+  const SegmentCorrection& print = result->segments[0];
+  EXPECT_EQ(print.left_out, std::vector<ImageId>{turned});
+  ASSERT_EQ(print.subsets.size(), 2u) << "the sides, whose prints no pair joins";
+  const auto refused =
+      std::find_if(print.judgements.begin(), print.judgements.end(),
+                   [](const Judgement& j) { return j.verdict == ImageVerdict::kRefused; });
+  ASSERT_NE(refused, print.judgements.end());
+  EXPECT_EQ(refused->image, turned);
+  EXPECT_EQ(refused->loop_share, 0.0);
+}
+
 TEST_F(CorrectionTest, KeypointsOfOnePartAreOfOneThing) {
   const LookAlikeWorld look = MakeLookAlikeWorld({});
   const auto result = Build(look, {});

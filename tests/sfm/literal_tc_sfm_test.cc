@@ -124,6 +124,25 @@ TEST_F(LiteralTcSfmTest, TheConsistentViewGraphInFrontOfItTakesTheCrossedPairs) 
   EXPECT_LT(error_rad(*consistent), RadFromDeg(0.5));
 }
 
+TEST_F(LiteralTcSfmTest, TheLeastWeightCanBeThatOfTheHeaviestContradiction) {
+  const SyntheticWorld world = LightlyCrossed();
+  LiteralOptions options;
+  options.min_edge_weight = 0;
+  options.adaptive_edge_weight = true;
+  const auto adaptive = Run(world, options);
+  ASSERT_TRUE(adaptive) << adaptive.error().ToString();
+  ASSERT_TRUE(adaptive->view_graph_margin.has_value());
+  // Tracks of heavy edges alone are right; the light ones come back behind them and fold.
+  const auto error_rad = [&](const LiteralResult& result) {
+    return ErrorsOf(result.models.models[0], world.cam_from_world).max_rotation_rad;
+  };
+  EXPECT_GT(error_rad(*adaptive), RadFromDeg(10));
+  options.confirmed_light_edges = true;
+  const auto confirmed = Run(world, options);
+  ASSERT_TRUE(confirmed) << confirmed.error().ToString();
+  EXPECT_LT(error_rad(*confirmed), RadFromDeg(0.5));
+}
+
 TEST_F(LiteralTcSfmTest, RejectedLinksNameWhatLooksAlike) {
   const SyntheticWorld world = LightlyCrossed();
   LiteralOptions options;

@@ -272,7 +272,9 @@ TEST(AddVerdict, TheMarginIsTheEvidenceIfAnythingLooksAlike) {
   EXPECT_EQ(poses.summary.verdict_of_pictures, "sure");
   EXPECT_EQ(poses.summary.verdict_reason, "nothing looks alike");
   EXPECT_FALSE(poses.summary.margin.has_value());
+  EXPECT_FALSE(poses.summary.view_graph_margin.has_value());
   EXPECT_EQ(poses.summary.folded, false);
+  result.view_graph_margin = 0.75;
   result.verdict = Verdict::kUnsure;
   PoseSet unsure;
   AddVerdict(result, unsure);
@@ -282,6 +284,7 @@ TEST(AddVerdict, TheMarginIsTheEvidenceIfAnythingLooksAlike) {
   AddVerdict(result, poses);
   EXPECT_EQ(poses.summary.verdict, "folded");
   EXPECT_EQ(poses.summary.margin, -3.5);
+  EXPECT_EQ(poses.summary.view_graph_margin, 0.75);
   EXPECT_EQ(poses.summary.folded, true);
 }
 

@@ -50,6 +50,11 @@ TEST(Presets, LiteralIsThePapersReading) {
   EXPECT_EQ(literal.min_edge_weight, 0.15);  // tau_w
   EXPECT_FALSE(literal.track_graph.weighted);
   EXPECT_FALSE(literal.consistent_view_graph);
+  EXPECT_FALSE(literal.adaptive_edge_weight);
+  EXPECT_FALSE(literal.confirmed_light_edges);
+  EXPECT_FALSE(literal.correction.missing_observations);
+  EXPECT_FALSE(literal.correction.rotation_loops);
+  EXPECT_FALSE(literal.clusters.undo_inconsistent_merges);
   EXPECT_EQ(literal.segments.sign, AmbiguitySign::kDiversity);
   EXPECT_EQ(literal.segments.min_diversity, 0.5);  // tau_gs
   EXPECT_FALSE(literal.segments.diversity_inclusive);
@@ -125,6 +130,16 @@ TEST(SetOption, SwitchesGoOnAndOff) {
        [](PipelineOptions& o) -> bool& { return o.literal.correction.labels_by_track; }},
       {"literal-weighted-track-graph",
        [](PipelineOptions& o) -> bool& { return o.literal.track_graph.weighted; }},
+      {"literal-adaptive-edge-weight",
+       [](PipelineOptions& o) -> bool& { return o.literal.adaptive_edge_weight; }},
+      {"literal-confirmed-light-edges",
+       [](PipelineOptions& o) -> bool& { return o.literal.confirmed_light_edges; }},
+      {"literal-missing-observations",
+       [](PipelineOptions& o) -> bool& { return o.literal.correction.missing_observations; }},
+      {"literal-rotation-loops",
+       [](PipelineOptions& o) -> bool& { return o.literal.correction.rotation_loops; }},
+      {"literal-undone-merges",
+       [](PipelineOptions& o) -> bool& { return o.literal.clusters.undo_inconsistent_merges; }},
       {"literal-mean-cost",
        [](PipelineOptions& o) -> bool& { return o.literal.merging.mean_cost; }},
       {"literal-bidirectional",

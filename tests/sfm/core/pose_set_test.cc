@@ -123,6 +123,7 @@ TEST(PoseSet, KeepsWhatWasFoundOfACamera) {
 
 TEST(PoseSet, KeepsWhatThePicturesSaidBesideTheVerdict) {
   PoseSet poses = MakePoses();
+  poses.summary.view_graph_margin = 0.75;
   EXPECT_EQ(PoseSetToJson(poses).find("verdict_of_pictures"), std::string::npos);
   poses.summary.verdict = "unsure";
   poses.summary.verdict_of_pictures = "sure";
@@ -131,6 +132,7 @@ TEST(PoseSet, KeepsWhatThePicturesSaidBesideTheVerdict) {
   ASSERT_TRUE(read.ok()) << read.error().ToString();
   EXPECT_EQ(read->summary.verdict, "unsure");
   EXPECT_EQ(read->summary.verdict_of_pictures, "sure");
+  EXPECT_EQ(read->summary.view_graph_margin, 0.75);
   json wrong = json::parse(text);
   wrong["summary"]["verdict_of_pictures"] = "perhaps";
   EXPECT_FALSE(PoseSetFromJson(wrong.dump(), "text").ok());
