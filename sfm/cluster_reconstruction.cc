@@ -77,8 +77,8 @@ class ClusterMerging {
                     const std::vector<ImageId>& merged) {
     if (!options_.undo_inconsistent_merges) return true;
     const double margin = Margin(merged);
-    return margin >= options_.trusted_margin || margin >= Margin(a.images) ||
-           margin >= Margin(b.images);
+    return margin >= options_.trusted_margin ||
+           (margin >= Margin(a.images) && margin >= Margin(b.images));
   }
 
   double Margin(const std::vector<ImageId>& images) {

@@ -17,8 +17,8 @@ struct ClusterOptions {
   size_t max_common_images = 20;  // clusters that share more are merged
   size_t min_pair_matches = 15;   // a pair that has fewer within single parts is left out
   /// A merge is undone when it brings together images whose pairs contradict each other: when
-  /// ConsistentViewGraph::Margin of the merged cluster is below both `trusted_margin` and the
-  /// margins that the clusters had. The paper does not.
+  /// ConsistentViewGraph::Margin of the merged cluster is below `trusted_margin` and below that of
+  /// one of the two. The paper does not.
   bool undo_inconsistent_merges = false;
   double trusted_margin = 1.2;
   Status Validate() const;

@@ -237,11 +237,13 @@ std::vector<EdgeVerdict> Judge(const std::vector<double>& residuals_rad, double 
   return verdicts;
 }
 
-std::optional<double> LightestJoining(const ViewGraph& graph) {
+std::optional<double> LightestJoining(const ViewGraph& graph,
+                                      const std::vector<double>& residuals_rad, double agree_rad) {
   std::optional<double> lightest;
   DisjointSets sets(graph.images);
   for (const size_t e : EdgesByWeight(graph)) {
     const auto [first, second] = graph.edges[e].pair;
+    if (residuals_rad[e] > agree_rad) continue;
     if (sets.Unite(first.index(), second.index())) lightest = graph.edges[e].weight;
   }
   return lightest;
@@ -285,9 +287,9 @@ Result<ConsistentViewGraph> BuildConsistentViewGraph(const ViewGraph& graph,
   rotations = Average(voting, two_views, std::move(rotations), options.off_rad);
   ConsistentViewGraph consistent{
       Judge(Residuals_rad(graph, two_views, rotations), options.agree_rad)};
-  consistent.lightest_joining = LightestJoining(EdgesThatAgree(graph, consistent));
-  consistent.heaviest_off =
-      HeaviestOff(voting, Residuals_rad(voting, two_views, rotations), options.far_rad);
+  const std::vector<double> residuals_rad = Residuals_rad(voting, two_views, rotations);
+  consistent.lightest_joining = LightestJoining(voting, residuals_rad, options.agree_rad);
+  consistent.heaviest_off = HeaviestOff(voting, residuals_rad, options.far_rad);
   return consistent;
 }
 

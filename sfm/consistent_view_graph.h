@@ -19,9 +19,9 @@ enum class EdgeVerdict {
 /// The view graph with every edge judged by all others, before any track is built.
 struct ConsistentViewGraph {
   std::vector<EdgeVerdict> verdicts;  // parallel to ViewGraph::edges
-  /// Weight of the lightest edge that holds the agreeing images together (of their maximum spanning
-  /// tree) and of the heaviest that is more than ConsistencyOptions::far_rad off; nullopt: there is
-  /// none.
+  /// Of the edges that may vote, the weight of the lightest that holds the images together (of the
+  /// maximum spanning tree of those that agree) and of the heaviest that is more than
+  /// ConsistencyOptions::far_rad off the averaged rotations; nullopt: there is none.
   std::optional<double> lightest_joining = std::nullopt;
   std::optional<double> heaviest_off = std::nullopt;
 

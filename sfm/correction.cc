@@ -18,7 +18,7 @@ constexpr char kStage[] = "correction";
 constexpr double kRetryGrowth = 1.2;
 /// Fewer points that an image must see, or pairs with registered images, tell nothing.
 constexpr size_t kMinExpectedPoints = 30;
-constexpr size_t kMinLoops = 2;
+constexpr size_t kMinPairs = 2;
 /// A pair agrees with a rotation that is no farther off than this.
 constexpr double kLoopAgrees_rad = RadFromDeg(15.0);
 /// Initial pairs tried for one pass.
@@ -38,6 +38,7 @@ struct Scene {
   const CorrectionOptions& options;
   KeypointLabels labels;  // segments
   std::vector<std::vector<Eigen::Vector2d>> normalized;
+  const std::set<ImagePair>& rejected;
 };
 
 KeypointLabels SegmentLabels(const Tracks& tracks, const Segments& segments, bool by_track) {
@@ -78,8 +79,9 @@ SegmentModelInput ModelInput(const Scene& scene, uint32_t segment) {
     if (!related[first.index()] || !related[second.index()]) continue;
     if (view.kind == TwoViewKind::kPanoramic) continue;
     const Eigen::Quaterniond& turn = view.second_from_first.rotation;
-    SegmentNeighbour of_first = {second, edge.weight, turn.conjugate(), {}};
-    SegmentNeighbour of_second = {first, edge.weight, turn, {}};
+    const bool contradicts = scene.rejected.contains(edge.pair);
+    SegmentNeighbour of_first = {second, edge.weight, turn.conjugate(), contradicts, {}};
+    SegmentNeighbour of_second = {first, edge.weight, turn, contradicts, {}};
     for (const Match& match : view.inliers) {
       const Label label = scene.labels[first.index()][match.first.index()];
       if (!label || label != scene.labels[second.index()][match.second.index()]) continue;
@@ -218,7 +220,7 @@ class Pass {
       case ImageVerdict::kUnplaced:
         return grown(now.primary, last.primary_points);
       case ImageVerdict::kUndecided:
-        if (AsksBesides() && grown(now.primary, last.primary_points)) return true;
+        if (AsksBesides() && grown(model_.RegisteredImages().size(), last.images)) return true;
         return now.auxiliary >= options().min_auxiliary_inliers &&
                grown(now.auxiliary, last.auxiliary_points);
       case ImageVerdict::kRefused:
@@ -254,6 +256,7 @@ class Pass {
     Judgement& judgement = judgements_[image.index()];
     Rigid3 pose;
     judgement = Judged(image, pose);
+    counts_[image.index()] = {judgement.primary_points, judgement.auxiliary_points};
     if (judgement.verdict != ImageVerdict::kConsistent) return;
     if (options().missing_observations) {
       const ExpectedPoints expected = model_.ExpectedAt(image, pose);
@@ -271,7 +274,8 @@ class Pass {
     Judgement judgement = {.image = image,
                            .verdict = ImageVerdict::kUndecided,
                            .primary_points = primary.size(),
-                           .auxiliary_points = auxiliary.size()};
+                           .auxiliary_points = auxiliary.size(),
+                           .images = model_.RegisteredImages().size()};
     const bool enough = auxiliary.size() >= options().min_auxiliary_inliers;
     if (!enough && !AsksBesides() && !options().undecided_is_consistent) return judgement;
     const uint64_t seed = DeriveSeed(case_.context.seed, image.index());
@@ -300,7 +304,9 @@ class Pass {
     if (WellKnown(judgement)) judgement.verdict = Verdict(judgement);
   }
 
-  bool AsksBesides() const { return options().missing_observations || options().rotation_loops; }
+  bool AsksBesides() const {
+    return options().missing_observations || options().graph_support || options().rotation_loops;
+  }
 
   /// What the auxiliary points leave open, by the first further evidence that tells.
   void JudgeBesides(ImageId image, const Rigid3& cam_from_model, Judgement& judgement) const {
@@ -314,8 +320,16 @@ class Pass {
         return decide(Share(judgement.expected) >= options().min_met_ratio * Median(met_shares_));
       }
     }
+    if (options().graph_support) {
+      judgement.graph_share =
+          PairShare(image, [](const SegmentNeighbour& n) { return !n.contradicts_graph; });
+      if (judgement.graph_share) return decide(*judgement.graph_share >= 0.5);
+    }
     if (options().rotation_loops) {
-      judgement.loop_share = LoopShare(image, cam_from_model);
+      judgement.loop_share = PairShare(image, [&](const SegmentNeighbour& n) {
+        const Eigen::Quaterniond by_pair = n.own_from_neighbour * model_.PoseOf(n.image).rotation;
+        return RotationAngle_rad(by_pair, cam_from_model.rotation) <= kLoopAgrees_rad;
+      });
       if (judgement.loop_share) decide(*judgement.loop_share >= 0.5);
     }
   }
@@ -324,20 +338,18 @@ class Pass {
     return static_cast<double>(expected.met) / static_cast<double>(expected.all);
   }
 
-  /// Weight of the pairs with registered images that agrees with the rotation, over all of theirs.
-  std::optional<double> LoopShare(ImageId image, const Rigid3& cam_from_model) const {
+  /// Weight of the pairs with registered images that agree, over that of all; nullopt: too few.
+  template <typename Agrees>
+  std::optional<double> PairShare(ImageId image, const Agrees& agrees) const {
     double agreeing = 0, all = 0;
-    size_t loops = 0;
+    size_t pairs = 0;
     for (const SegmentNeighbour& n : case_.model_input.neighbours[image.index()]) {
       if (!model_.IsRegistered(n.image)) continue;
-      const Eigen::Quaterniond by_pair = n.own_from_neighbour * model_.PoseOf(n.image).rotation;
       all += n.weight;
-      if (RotationAngle_rad(by_pair, cam_from_model.rotation) <= kLoopAgrees_rad) {
-        agreeing += n.weight;
-      }
-      ++loops;
+      if (agrees(n)) agreeing += n.weight;
+      ++pairs;
     }
-    return loops >= kMinLoops ? std::optional(agreeing / all) : std::nullopt;
+    return pairs >= kMinPairs ? std::optional(agreeing / all) : std::nullopt;
   }
 
   bool WellKnown(const Judgement& judgement) const {
@@ -514,6 +526,7 @@ Status CorrectionOptions::Validate() const {
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_place_rad", max_place_rad));
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_sigma_share", max_sigma_share));
   ROTUNDA_RETURN_IF_ERROR(above_zero("min_met_ratio", min_met_ratio));
+  ROTUNDA_RETURN_IF_ERROR(above_zero("max_expected_angle_rad", model.max_expected_angle_rad));
   ROTUNDA_RETURN_IF_ERROR(above_zero("min_initial_angle_rad", min_initial_angle_rad));
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_reprojection_px", model.max_reprojection_px));
   ROTUNDA_RETURN_IF_ERROR(above_zero("max_pnp_error_px", model.max_pnp_error_px));
@@ -539,11 +552,15 @@ double TranslationAngle_rad(const Rigid3& a, const Rigid3& b) {
 }
 
 Result<Correction> BuildCorrection(const IncrementalInput& input, const Segments& segments,
-                                   const CorrectionOptions& options, RunContext& context) {
+                                   const CorrectionOptions& options, RunContext& context,
+                                   const std::set<ImagePair>& rejected) {
   ROTUNDA_RETURN_IF_ERROR(options.Validate());
-  const Scene scene = {input, segments, options,
+  const Scene scene = {input,
+                       segments,
+                       options,
                        SegmentLabels(input.tracks, segments, options.labels_by_track),
-                       NormalizedKeypoints(input, context)};
+                       NormalizedKeypoints(input, context),
+                       rejected};
   std::vector<uint32_t> ambiguous;
   for (uint32_t s = 0; s < segments.segments.size(); ++s) {
     if (segments.segments[s].ambiguous) ambiguous.push_back(s);

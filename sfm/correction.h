@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "sfm/core/ids.h"
@@ -36,13 +37,15 @@ struct CorrectionOptions {
   bool undecided_is_consistent = false;
   /// Before that, they are judged by the points that their pose by primary points says they must
   /// see: those that meet a smaller share of them than `min_met_ratio` x the median of the images
-  /// registered so far are refused until they see more (after Zach et al., CVPR 2008). The paper
-  /// does not.
+  /// registered so far are refused until they see more (after Zach et al., CVPR 2008). That tells
+  /// only once an image was registered besides the initial pair. The paper does not.
   bool missing_observations = false;
   double min_met_ratio = 0.55;
-  /// And where there are too few such points, by the pairs with registered images: refused when
-  /// more of their weight contradicts the pose's rotation than agrees with it (after Zach et al.,
-  /// CVPR 2010). The paper does not.
+  /// Where that does not tell, by the consistent view graph: refused when more of the weight of
+  /// their pairs with registered images is of rejected edges. The paper does not.
+  bool graph_support = false;
+  /// And where that does not, by rotation loops: refused when more of that weight contradicts the
+  /// pose's rotation than agrees with it (after Zach et al., CVPR 2010). The paper does not.
   bool rotation_loops = false;
   /// Keypoints of a track have the track's label; false: their own (the paper), so that tracks are
   /// cut where segments meet.
@@ -79,16 +82,18 @@ struct Judgement {
   size_t primary_inliers = 0;
   size_t auxiliary_points = 0;
   size_t auxiliary_inliers = 0;
+  size_t images = 0;  // registered in the pass when it was judged
   /// Between the pose by primary and the pose by auxiliary points, where there are both, and the
   /// predicted standard deviations of these angles.
   std::optional<double> rotation_rad = std::nullopt;
   std::optional<double> place_rad = std::nullopt;
   double rotation_sigma_rad = 0;
   double place_sigma_rad = 0;
-  /// Points that the pose by primary points says must be seen, and those that are; share of the
-  /// weight of its pairs with registered images that agrees with its rotation. Where that was
-  /// asked.
+  /// Where it was asked: points that the pose by primary points says must be seen, and those that
+  /// are; share of the weight of its pairs with registered images that is of edges the consistent
+  /// view graph keeps, and that agrees with the pose's rotation.
   ExpectedPoints expected = {};
+  std::optional<double> graph_share = std::nullopt;
   std::optional<double> loop_share = std::nullopt;
 };
 
@@ -124,9 +129,11 @@ double TranslationAngle_rad(const Rigid3& a, const Rigid3& b);
 /// TC-SfM III-C. For every ambiguous segment a model is grown from its strongest pair. An image
 /// joins it when its pose by points of this segment (primary) and its pose by points of distinct
 /// segments (auxiliary) agree; the others begin the next pass, until none is left or no pair
-/// starts. Only edges of `input.view_graph` count. kCancelled is the only failure besides options
+/// starts. Only edges of `input.view_graph` count; `rejected`: pairs that contradict the consistent
+/// view graph, for CorrectionOptions::graph_support. kCancelled is the only failure besides options
 /// out of range.
 Result<Correction> BuildCorrection(const IncrementalInput& input, const Segments& segments,
-                                   const CorrectionOptions& options, RunContext& context);
+                                   const CorrectionOptions& options, RunContext& context,
+                                   const std::set<ImagePair>& rejected = {});
 
 }  // namespace rotunda::sfm

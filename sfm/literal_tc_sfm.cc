@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "sfm/core/html_text.h"
 #include "sfm/disjoint_sets.h"
 #include "sfm/tracks.h"
 
@@ -35,6 +35,7 @@ ViewGraph HeavyEdges(const ViewGraph& graph, double min_weight) {
 /// What the others say of every edge, where a reading asks for it; the paper asks for nothing.
 Result<ConsistentViewGraph> JudgeEdges(const TcSfmInput& input, const LiteralOptions& options) {
   if (options.consistent_view_graph || options.adaptive_edge_weight ||
+      options.confirmed_light_edges || options.correction.graph_support ||
       options.segments.sign == AmbiguitySign::kRejectedLinks) {
     return BuildConsistentViewGraph(input.view_graph, input.two_views, {});
   }
@@ -48,56 +49,72 @@ double LeastWeight(const ConsistentViewGraph& judged, const LiteralOptions& opti
   return std::nextafter(*judged.heaviest_off, std::numeric_limits<double>::infinity());
 }
 
-/// By ImageId and KeypointId; nullopt: in none.
-std::vector<std::vector<std::optional<size_t>>> TrackOfKeypoint(const Features& features,
-                                                                const Tracks& tracks) {
-  std::vector<std::vector<std::optional<size_t>>> track_of;
-  for (const ImageFeatures& image : features.images) track_of.emplace_back(image.keypoints.size());
-  for (size_t t = 0; t < tracks.tracks.size(); ++t) {
-    for (const Observation& o : tracks.tracks[t].observations) {
-      track_of[o.image.index()][o.keypoint.index()] = t;
-    }
-  }
-  return track_of;
-}
-
-/// The edges of `graph` but for those that neither `heavy` has nor its tracks confirm.
-ViewGraph ConfirmedEdges(const TcSfmInput& input, const ViewGraph& graph, const ViewGraph& heavy,
-                         const Tracks& tracks) {
-  const auto track_of = TrackOfKeypoint(input.features, tracks);
+/// The edges of `heavy`, and those that agree with the others and are confirmed by its tracks.
+ViewGraph ConfirmedEdges(const TcSfmInput& input, const ConsistentViewGraph& judged,
+                         const ViewGraph& heavy, const Tracks& tracks) {
+  const TrackOfKeypoint track_of = TracksByKeypoint(input.features, tracks);
   std::set<ImagePair> sure;
   for (const ViewGraphEdge& edge : heavy.edges) sure.insert(edge.pair);
-  ViewGraph confirmed{graph.images, {}};
-  for (const ViewGraphEdge& edge : graph.edges) {
+  const auto is_confirmed = [&](const ViewGraphEdge& edge) {
     const std::vector<Match>& matches = input.two_views.pairs[edge.two_view].inliers;
     const auto inside =
         static_cast<size_t>(std::count_if(matches.begin(), matches.end(), [&](const Match& match) {
           const auto track = track_of[edge.pair.first.index()][match.first.index()];
           return track && track == track_of[edge.pair.second.index()][match.second.index()];
         }));
-    const bool enough =
-        inside >= kMinConfirmed &&
-        static_cast<double>(inside) >= kMinConfirmedShare * static_cast<double>(matches.size());
-    if (enough || sure.contains(edge.pair)) confirmed.edges.push_back(edge);
+    return inside >= kMinConfirmed &&
+           static_cast<double>(inside) >= kMinConfirmedShare * static_cast<double>(matches.size());
+  };
+  ViewGraph confirmed{input.view_graph.images, {}};
+  for (size_t e = 0; e < input.view_graph.edges.size(); ++e) {
+    const ViewGraphEdge& edge = input.view_graph.edges[e];
+    const bool agrees = judged.verdicts[e] == EdgeVerdict::kAgrees;
+    if (sure.contains(edge.pair) || (agrees && is_confirmed(edge))) confirmed.edges.push_back(edge);
   }
   return confirmed;
 }
 
-/// One line of what the passes found of a segment's images, each counted by its last judgement.
+/// One line of what the passes found of a segment's images.
 std::string NoteOf(const SegmentCorrection& segment) {
-  std::map<ImageId, ImageVerdict> last;
-  for (const Judgement& judgement : segment.judgements) last[judgement.image] = judgement.verdict;
+  size_t placed = 0;
+  for (const std::vector<ImageId>& subset : segment.subsets) placed += subset.size();
   const auto count = [&](ImageVerdict verdict) {
-    return std::to_string(std::count_if(last.begin(), last.end(),
-                                        [&](const auto& v) { return v.second == verdict; }));
+    return std::to_string(
+        std::count_if(segment.judgements.begin(), segment.judgements.end(),
+                      [&](const Judgement& judgement) { return judgement.verdict == verdict; }));
   };
   return "segment " + std::to_string(segment.segment) +
-         " looks ambiguous: " + count(ImageVerdict::kInitial) +
-         " pictures began the models of it, " + count(ImageVerdict::kConsistent) +
-         " are consistent, " + count(ImageVerdict::kInconsistent) + " inconsistent, " +
-         count(ImageVerdict::kUndecided) + " undecided, " + count(ImageVerdict::kRefused) +
-         " refused, " + count(ImageVerdict::kUnplaced) +
-         " without a pose; subsets: " + std::to_string(segment.subsets.size());
+         " is ambiguous: " + Counted(placed, "picture") + " in " +
+         Counted(segment.subsets.size(), "subset") + ", " +
+         std::to_string(segment.left_out.size()) +
+         " left out; judgements: " + count(ImageVerdict::kConsistent) + " consistent, " +
+         count(ImageVerdict::kInconsistent) + " inconsistent, " + count(ImageVerdict::kUndecided) +
+         " undecided, " + count(ImageVerdict::kRefused) + " refused, " +
+         count(ImageVerdict::kUnplaced) + " without a pose";
+}
+
+std::vector<std::string> NotesOf(const ViewGraph& heavy, double min_weight,
+                                 const Correction& correction, const MergeResult& merged) {
+  std::vector<std::string> notes;
+  const auto light = std::count_if(heavy.edges.begin(), heavy.edges.end(),
+                                   [&](const ViewGraphEdge& e) { return e.weight < min_weight; });
+  if (light > 0) {
+    notes.push_back("lighter than " + std::to_string(min_weight) + ", but kept to hold the " +
+                    "pictures together: " + Counted(static_cast<size_t>(light), "pair"));
+  }
+  for (const SegmentCorrection& segment : correction.segments) notes.push_back(NoteOf(segment));
+  for (const std::string& refusal : merged.refusals) {
+    notes.push_back("two models were not joined: " + refusal);
+  }
+  return notes;
+}
+
+std::set<ImagePair> RejectedPairs(const ViewGraph& graph, const ConsistentViewGraph& judged) {
+  std::set<ImagePair> rejected;
+  for (size_t e = 0; e < graph.edges.size(); ++e) {
+    if (judged.verdicts[e] == EdgeVerdict::kRejected) rejected.insert(graph.edges[e].pair);
+  }
+  return rejected;
 }
 
 /// `verdicts`: parallel to the edges of `input.view_graph`.
@@ -166,10 +183,11 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
   ROTUNDA_ASSIGN_OR_RETURN(const ConsistentViewGraph judged, JudgeEdges(input, options));
   const ViewGraph graph =
       options.consistent_view_graph ? EdgesThatAgree(input.view_graph, judged) : input.view_graph;
-  const ViewGraph heavy = HeavyEdges(graph, LeastWeight(judged, options));
+  const double min_weight = LeastWeight(judged, options);
+  const ViewGraph heavy = HeavyEdges(graph, min_weight);
   const Tracks tracks = BuildTracks(input.features, input.two_views, heavy);
   const ViewGraph usable =
-      options.confirmed_light_edges ? ConfirmedEdges(input, graph, heavy, tracks) : graph;
+      options.confirmed_light_edges ? ConfirmedEdges(input, judged, heavy, tracks) : graph;
   LiteralResult result;
   result.view_graph_margin = judged.Margin();
   ROTUNDA_ASSIGN_OR_RETURN(result.segments,
@@ -178,12 +196,9 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
   context.Report("correction", 0, 1);
   const IncrementalInput everything = {input.features, input.intrinsics, input.two_views, usable,
                                        tracks};
-  ROTUNDA_ASSIGN_OR_RETURN(
-      const Correction correction,
-      BuildCorrection(everything, result.segments, options.correction, context));
-  for (const SegmentCorrection& segment : correction.segments) {
-    result.notes.push_back(NoteOf(segment));
-  }
+  ROTUNDA_ASSIGN_OR_RETURN(const Correction correction,
+                           BuildCorrection(everything, result.segments, options.correction, context,
+                                           RejectedPairs(input.view_graph, judged)));
   ROTUNDA_ASSIGN_OR_RETURN(
       std::vector<Reconstruction> models,
       BuildClusterReconstructions(everything, correction, options.clusters, incremental, context));
@@ -191,6 +206,7 @@ Result<LiteralResult> RunLiteralTcSfm(const FrameSet& set, const TcSfmInput& inp
   ROTUNDA_ASSIGN_OR_RETURN(MergeResult merged,
                            MergeModels({input.features, input.two_views, usable}, std::move(models),
                                        options.merging, context));
+  result.notes = NotesOf(heavy, min_weight, correction, merged);
   ROTUNDA_ASSIGN_OR_RETURN(result.models, Complete(everything, correction, std::move(merged.models),
                                                    options.clusters, incremental, context));
   return result;

@@ -25,8 +25,8 @@ struct LiteralOptions {
   double min_edge_weight = 0.15;       // tau_w; 0.05 for photographs from the Internet
   /// tau_w is just above the heaviest edge that contradicts the others, where one does.
   bool adaptive_edge_weight = false;
-  /// Of the lighter edges only those with enough matches whose two keypoints are in one track take
-  /// part in what comes after the tracks.
+  /// Of the lighter edges only those that agree with the others and have enough matches whose two
+  /// keypoints are in one track take part in what comes after the tracks.
   bool confirmed_light_edges = false;
   SuperpixelOptions superpixels;
   TrackGraphOptions track_graph{.weighted = false};
@@ -47,7 +47,9 @@ struct LiteralResult {
   IncrementalResult models;  // most images first
   Segments segments;
   std::optional<double> view_graph_margin;  // ConsistentViewGraph::Margin, where it was built
-  std::vector<std::string> notes;           // what correction found of every ambiguous segment
+  /// Light edges that hold the graph together, what correction found of every ambiguous segment,
+  /// and which models were not joined.
+  std::vector<std::string> notes;
 };
 
 /// Wang et al., III-A to III-D: tracks of the heavy edges, track graph, communities, ambiguous ones

@@ -76,6 +76,8 @@ const std::map<std::string, Setting, std::less<>>& Settings() {
        {kPaper, Switch([](O& o) -> bool& { return o.literal.confirmed_light_edges; })}},
       {"literal-missing-observations",
        {kPaper, Switch([](O& o) -> bool& { return o.literal.correction.missing_observations; })}},
+      {"literal-graph-support",
+       {kPaper, Switch([](O& o) -> bool& { return o.literal.correction.graph_support; })}},
       {"literal-rotation-loops",
        {kPaper, Switch([](O& o) -> bool& { return o.literal.correction.rotation_loops; })}},
       {"literal-undone-merges",

@@ -281,7 +281,9 @@ void SayOfSides(const PoseSet& poses, const std::vector<CameraFacts>& cameras, V
   if (summary.view_graph_margin) {
     verdict.details.push_back(
         "Of the pictures' pairs, the lightest that holds them together weighs " +
-        Significant(*summary.view_graph_margin) + " x the heaviest that contradicts it.");
+        Significant(*summary.view_graph_margin) +
+        " x the heaviest that contradicts it (below about 1.2 pairs alone do not tell; the verdict "
+        "does not rest on them).");
   }
   if (summary.verdict.empty() && !summary.folded) {
     Say(Level::kLook,

@@ -139,24 +139,21 @@ Result<AbsolutePose> SegmentModel::EstimatePose(const Support& support, size_t m
                ""};
 }
 
-/// In front, in the picture, and seen by enough others from nearly the same direction.
+/// In front, in the picture, seen by enough others, and by one of them from near the direction.
 bool SegmentModel::MustBeSeen(const Point3& point, ImageId image,
                               const Rigid3& cam_from_model) const {
   if (point.observations.size() < options_.min_expected_images) return false;
   const Eigen::Vector3d x = cam_from_model * point.position;
   if (!(x.z() > 0)) return false;
-  const ImageFeatures& picture = input_.input.features.images[image.index()];
-  const std::optional<Eigen::Vector2d> pixel = model_.intrinsics.of(image).Project(x);
-  if (!pixel || !(pixel->minCoeff() >= 0) || !(pixel->x() < picture.width_px) ||
-      !(pixel->y() < picture.height_px)) {
-    return false;
-  }
+  const CameraIntrinsics& lens = model_.intrinsics.of(image);
+  const std::optional<Eigen::Vector2d> pixel = lens.Project(x);
+  if (!pixel || !lens.Contains(*pixel)) return false;
+  const double least_cosine = std::cos(options_.max_expected_angle_rad);
   const Eigen::Vector3d direction = cam_from_model.OriginInSource() - point.position;
   return std::any_of(
       point.observations.begin(), point.observations.end(), [&](const Observation& o) {
         const Eigen::Vector3d other = PoseOf(o.image).OriginInSource() - point.position;
-        return direction.dot(other) >=
-               std::cos(options_.max_expected_angle_rad) * direction.norm() * other.norm();
+        return direction.dot(other) >= least_cosine * direction.norm() * other.norm();
       });
 }
 

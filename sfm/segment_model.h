@@ -28,6 +28,7 @@ struct SegmentNeighbour {
   ImageId image;
   double weight = 0;                                                       // in the view graph
   Eigen::Quaterniond own_from_neighbour = Eigen::Quaterniond::Identity();  // by the pair alone
+  bool contradicts_graph = false;                                          // EdgeVerdict::kRejected
   std::vector<SegmentMatch> matches;
 };
 
@@ -44,7 +45,7 @@ struct SegmentModelOptions {
   double min_triangulation_angle_rad = RadFromDeg(1.5);
   double max_pnp_error_px = 12.0;
   double min_pnp_inlier_ratio = 0.25;
-  /// Points that were seen from within this angle, by so many images, must be seen again.
+  /// Points that so many images see, one of them from within this angle, must be seen again.
   double max_expected_angle_rad = RadFromDeg(30.0);
   size_t min_expected_images = 3;
 };

@@ -71,20 +71,6 @@ struct TrackLink {
   auto operator<=>(const TrackLink&) const = default;
 };
 
-/// By image and keypoint.
-using TrackOfKeypoint = std::vector<std::vector<std::optional<TrackId>>>;
-
-TrackOfKeypoint TracksByKeypoint(const Features& features, const Tracks& tracks) {
-  TrackOfKeypoint track_of;
-  for (const ImageFeatures& image : features.images) track_of.emplace_back(image.keypoints.size());
-  for (size_t i = 0; i < tracks.tracks.size(); ++i) {
-    for (const Observation& seen : tracks.tracks[i].observations) {
-      track_of[seen.image.index()][seen.keypoint.index()] = TrackId(i);
-    }
-  }
-  return track_of;
-}
-
 /// One for every match of a rejected pair that joins two tracks; none when the pair's matches agree
 /// with the tracks.
 std::vector<TrackLink> LinksOfPair(const TwoView& view, const TrackOfKeypoint& track_of,

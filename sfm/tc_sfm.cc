@@ -48,7 +48,9 @@ Result<ViewGraph> EdgesForDraft(State& state) {
   ROTUNDA_ASSIGN_OR_RETURN(
       const ConsistentViewGraph consistent,
       BuildConsistentViewGraph(left, state.input.two_views, state.options.consistency));
-  if (state.unfoldings == 0) state.result.view_graph_margin = consistent.Margin();
+  if (state.unfoldings == 0 && state.input.calibrated.empty()) {
+    state.result.view_graph_margin = consistent.Margin();
+  }
   return EdgesThatAgree(left, consistent);
 }
 

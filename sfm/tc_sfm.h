@@ -67,7 +67,8 @@ struct TcSfmResult {
   Verdict verdict = Verdict::kUnsure;
   std::string reason;   // of the verdict
   double evidence = 0;  // Alternatives::evidence_against; infinite without alternatives
-  /// ConsistentViewGraph::Margin of all edges, before any was refuted; nullopt also without it.
+  /// ConsistentViewGraph::Margin of all edges, before any was refuted; nullopt also without that
+  /// graph and with a prior.
   std::optional<double> view_graph_margin;
   std::vector<double> certainty;  // by ImageId: of its group; infinite where no draft was folded
   std::vector<AlternativePose> alternatives;  // of the finished model, sorted by image

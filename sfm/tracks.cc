@@ -85,4 +85,15 @@ Tracks BuildTracks(const Features& features, const TwoViews& two_views, const Vi
   return tracks;
 }
 
+TrackOfKeypoint TracksByKeypoint(const Features& features, const Tracks& tracks) {
+  TrackOfKeypoint track_of;
+  for (const ImageFeatures& image : features.images) track_of.emplace_back(image.keypoints.size());
+  for (size_t i = 0; i < tracks.tracks.size(); ++i) {
+    for (const Observation& seen : tracks.tracks[i].observations) {
+      track_of[seen.image.index()][seen.keypoint.index()] = TrackId(i);
+    }
+  }
+  return track_of;
+}
+
 }  // namespace rotunda::sfm

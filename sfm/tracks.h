@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "sfm/core/ids.h"
@@ -23,5 +24,9 @@ struct Tracks {
 /// out: they cannot be triangulated, and in a rig they join different things that look alike.
 /// Tracks of one keypoint are left out.
 Tracks BuildTracks(const Features& features, const TwoViews& two_views, const ViewGraph& graph);
+
+/// By ImageId and KeypointId; nullopt: in none.
+using TrackOfKeypoint = std::vector<std::vector<std::optional<TrackId>>>;
+TrackOfKeypoint TracksByKeypoint(const Features& features, const Tracks& tracks);
 
 }  // namespace rotunda::sfm

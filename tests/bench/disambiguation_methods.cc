@@ -43,6 +43,7 @@ constexpr Reading kLiteralOurs[] = {
     {"+weighted-track-graph", "literal-weighted-track-graph", "on"},
     {"+undecided-left-out", "literal-rejected-undecided", "on"},
     {"+missing-observations", "literal-missing-observations", "on"},
+    {"+graph-support", "literal-graph-support", "on"},
     {"+rotation-loops", "literal-rotation-loops", "on"},
     {"+undone-merges", "literal-undone-merges", "on"},
     {"+center-angle", "literal-center-angle", "on"},

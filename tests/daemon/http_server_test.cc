@@ -248,6 +248,10 @@ TEST_F(HttpServerTest, WhatIsTooLargeOrNoHttpIsRefusedWithTheReason) {
   const std::string refusal = head.ReadAll();
   EXPECT_TRUE(refusal.starts_with("HTTP/1.1 413 ")) << refusal;
   EXPECT_TRUE(refusal.ends_with("\r\n\r\n")) << "no body: " << refusal;
+  const std::vector<AccessEntry> log = Log();
+  EXPECT_TRUE(std::any_of(log.begin(), log.end(), [](const AccessEntry& entry) {
+    return entry.method == "HEAD" && entry.target == "/" && entry.status == 413;
+  })) << "the log names what was refused";
   EXPECT_EQ(Ask(Socket(), "GET", "/", "", "X: " + std::string(3000, 'x') + "\r\n").status, 431);
   EXPECT_EQ(Ask(Socket(), "GET", "/" + std::string(200000, 'x')).status, 431);
   for (const char* nonsense :

@@ -75,7 +75,10 @@ TEST(ConsistentViewGraph, TheMarginIsOfTheTreeOverWhatContradictsIt) {
   EXPECT_EQ(graph.Judge().Margin(), std::nullopt) << "nothing contradicts it";
   graph.Add(0, 3, 0.4, 20);
   EXPECT_EQ(graph.Judge().Margin(), std::nullopt) << "20 deg are no contradiction";
-  graph.Add(1, 3, 0.2, 180).Add(1, 3, 0.25, 90).AddPanoramic(0, 3, 0.8, 180);
+  graph.Add(1, 3, 0.2, 180)
+      .Add(1, 3, 0.25, 90)
+      .AddPanoramic(0, 3, 0.8, 180)
+      .AddPanoramic(1, 3, 0.8, 0);
   EXPECT_EQ(graph.Judge().heaviest_off, 0.25);
   EXPECT_EQ(graph.Judge().Margin(), 2.0);
 }

@@ -162,6 +162,49 @@ TEST_F(CorrectionTest, AShareOfAllPointsDoesNotTellWhereFewAreDistinct) {
       << "most of what the wrong side must see looks alike and is met";
 }
 
+TEST_F(CorrectionTest, PairsThatTheViewGraphRejectsRefuseAnImage) {
+  // One side of the print; the pairs of one image are rejected, which lets loops not be asked.
+  const LookAlikeWorld look = MakeLookAlikeWorld({.head_points = 0, .crossed_share = 0});
+  const ImageId rejected = look.segments.segments[kPrintSegment].images.front();
+  std::set<ImagePair> pairs;
+  for (const TwoView& view : look.world.two_views.pairs) {
+    if (view.pair.first == rejected || view.pair.second == rejected) pairs.insert(view.pair);
+  }
+  CorrectionOptions options;
+  options.graph_support = options.rotation_loops = true;
+  const auto result = BuildCorrection(look.world.Input(), look.segments, options, context_, pairs);
+  ASSERT_TRUE(result) << result.error().ToString();
+  const SegmentCorrection& print = result->segments[0];
+  EXPECT_EQ(print.left_out, std::vector<ImageId>{rejected});
+  for (const Judgement& j : print.judgements) {
+    EXPECT_FALSE(j.loop_share) << "the view graph told";
+    if (j.verdict == ImageVerdict::kRefused) {
+      EXPECT_EQ(j.image, rejected);
+      EXPECT_EQ(j.graph_share, 0.0);
+    } else if (j.verdict == ImageVerdict::kConsistent) {
+      EXPECT_GE(*j.graph_share, 0.5);
+    }
+  }
+}
+
+TEST_F(CorrectionTest, LoopsAreAskedWhereNoSharesTell) {
+  const LookAlikeWorld look = MakeLookAlikeWorld({.head_points = 40, .crossed_share = 0});
+  CorrectionOptions options;
+  options.missing_observations = options.rotation_loops = true;
+  const auto result = Build(look, options);
+  ASSERT_TRUE(result) << result.error().ToString();
+  size_t by_share = 0, by_loops = 0;
+  for (const Judgement& j : result->segments[0].judgements) {
+    by_share += j.expected.all > 0 && !j.loop_share;
+    by_loops += j.loop_share.has_value();
+    if (j.images == 2) {
+      EXPECT_TRUE(j.loop_share) << "no image has a share before the third";
+    }
+  }
+  EXPECT_GT(by_share, 0u);
+  EXPECT_GT(by_loops, 0u);
+}
+
 TEST_F(CorrectionTest, PairsThatContradictAPoseRefuseIt) {
   LookAlikeWorld look = MakeLookAlikeWorld({.head_points = 0, .crossed_share = 0});
   const ImageId turned = look.segments.segments[kPrintSegment].images.front();

@@ -143,6 +143,20 @@ TEST_F(LiteralTcSfmTest, TheLeastWeightCanBeThatOfTheHeaviestContradiction) {
   EXPECT_LT(error_rad(*confirmed), RadFromDeg(0.5));
 }
 
+TEST_F(LiteralTcSfmTest, NotesWhatWasKeptAndWhatCorrectionFound) {
+  LiteralOptions options;
+  options.min_edge_weight = 2;  // above all
+  options.segments.min_diversity = 0;
+  options.segments.diversity_inclusive = true;
+  const auto literal = Run(NothingLooksAlike(1), options);
+  ASSERT_TRUE(literal) << literal.error().ToString();
+  ASSERT_GT(literal->notes.size(), 1u);
+  const size_t images = NothingLooksAlike(1).cam_from_world.size();
+  EXPECT_EQ(literal->notes[0], "lighter than 2.000000, but kept to hold the pictures together: " +
+                                   std::to_string(images - 1) + " pairs");
+  EXPECT_NE(literal->notes[1].find(" is ambiguous: "), std::string::npos) << literal->notes[1];
+}
+
 TEST_F(LiteralTcSfmTest, RejectedLinksNameWhatLooksAlike) {
   const SyntheticWorld world = LightlyCrossed();
   LiteralOptions options;
@@ -197,8 +211,14 @@ TEST_F(LiteralTcSfmTest, RefusesBadOptions) {
   options.correction.max_place_rad = 0;
   expect(options, "max_place_rad");
   options = {};
+  options.correction.min_met_ratio = 0;
+  expect(options, "min_met_ratio");
+  options = {};
   options.clusters.min_pair_matches = 0;
   expect(options, "min_pair_matches");
+  options = {};
+  options.clusters.trusted_margin = 0;
+  expect(options, "trusted_margin");
   options = {};
   options.merging.max_duplicate_px = 0;
   expect(options, "max_duplicate_px");

@@ -53,6 +53,7 @@ TEST(Presets, LiteralIsThePapersReading) {
   EXPECT_FALSE(literal.adaptive_edge_weight);
   EXPECT_FALSE(literal.confirmed_light_edges);
   EXPECT_FALSE(literal.correction.missing_observations);
+  EXPECT_FALSE(literal.correction.graph_support);
   EXPECT_FALSE(literal.correction.rotation_loops);
   EXPECT_FALSE(literal.clusters.undo_inconsistent_merges);
   EXPECT_EQ(literal.segments.sign, AmbiguitySign::kDiversity);
@@ -136,6 +137,8 @@ TEST(SetOption, SwitchesGoOnAndOff) {
        [](PipelineOptions& o) -> bool& { return o.literal.confirmed_light_edges; }},
       {"literal-missing-observations",
        [](PipelineOptions& o) -> bool& { return o.literal.correction.missing_observations; }},
+      {"literal-graph-support",
+       [](PipelineOptions& o) -> bool& { return o.literal.correction.graph_support; }},
       {"literal-rotation-loops",
        [](PipelineOptions& o) -> bool& { return o.literal.correction.rotation_loops; }},
       {"literal-undone-merges",
